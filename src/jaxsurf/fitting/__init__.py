@@ -1,0 +1,1 @@
+"""Curves -> exponents with statistical and systematic errors."""

@@ -1,0 +1,1 @@
+"""Height maps with spacing, units and source: reading and levelling them, without JAX."""

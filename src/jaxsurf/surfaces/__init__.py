@@ -1,0 +1,1 @@
+"""Law or model + key -> heights: Gaussian surfaces and growth models."""

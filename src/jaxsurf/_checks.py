@@ -45,7 +45,9 @@ def check_choice(name: str, value: Any, choices: Iterable[str]) -> None:
     """Raise unless `value` is one of the named choices."""
     allowed = sorted(choices)
     if value not in allowed:
-        raise ValueError(f"{name} must be one of {allowed}; got {value!r}. Pass one of these names.")
+        raise ValueError(
+            f"{name} must be one of {allowed}; got {value!r}. Pass one of these names."
+        )
 
 
 def check_integer(name: str, value: Any, *, low: int, remedy: str) -> int:

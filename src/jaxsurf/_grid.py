@@ -63,7 +63,9 @@ class Bins:
     count: Float[np.ndarray, " bin"]
 
 
-def logarithmic_edges(low: float, high: float, ratio: float = BIN_RATIO) -> Float[np.ndarray, " edge"]:
+def logarithmic_edges(
+    low: float, high: float, ratio: float = BIN_RATIO
+) -> Float[np.ndarray, " edge"]:
     """Bin edges low, low*ratio, low*ratio^2, ... up to the first at or beyond `high`."""
     steps = int(np.ceil(np.log(high / low) / np.log(ratio) - 1e-9))
     return low * ratio ** np.arange(max(steps, 1) + 1)

@@ -149,7 +149,9 @@ class Curve(eqx.Module):
     def __getitem__(self, index: int) -> "Curve":
         """One curve of a vmapped stack."""
         if self.samples.ndim < 3:
-            raise TypeError("this Curve is not a stack: use .samples[i] for the samples of surface i.")
+            raise TypeError(
+                "this Curve is not a stack: use .samples[i] for the samples of surface i."
+            )
         return self._with(self.scale[index], self.samples[index], self.weights[index])
 
     def __repr__(self) -> str:
@@ -163,7 +165,9 @@ class Curve(eqx.Module):
         if len(self.scale):
             body += f" {float(self.scale[0]):.4g}...{float(self.scale[-1]):.4g} {self.units[0]}"
         if gone := int(np.count_nonzero(np.asarray(self.missing))):
-            shown = ", ".join(f"{s:.4g}" for s in np.asarray(self.scale)[np.asarray(self.missing)][:4])
+            shown = ", ".join(
+                f"{s:.4g}" for s in np.asarray(self.scale)[np.asarray(self.missing)][:4]
+            )
             body += f"; {gone} missing (nothing to average): {shown}{', ...' * (gone > 4)}"
         return head + body + ")"
 
@@ -173,7 +177,11 @@ class Curve(eqx.Module):
             return f"<code>{repr(self)}</code>"
         errors = np.asarray(self.stderr) if self.surfaces > 1 else np.full(len(self.scale), np.nan)
         columns = zip(
-            np.asarray(self.scale), np.asarray(self.mean), errors, np.asarray(self.count), strict=True
+            np.asarray(self.scale),
+            np.asarray(self.mean),
+            errors,
+            np.asarray(self.count),
+            strict=True,
         )
         rows = "".join(
             f"<tr><td>{s:.4g}</td><td>{'missing' if c == 0 else f'{m:.5g}'}</td>"

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 from jaxtyping import Float
-from scipy.stats import chi2 as chi2_distribution
+from scipy.special import chdtrc
 
 
 @dataclass(frozen=True, repr=False)
@@ -28,7 +28,8 @@ class Fit:
         chi2: weighted sum of squared residuals, with the covariance of the data.
         dof: degrees of freedom.
         status: "converged", or what went wrong and what to do about it.
-        details: window, sizes, scheme, number of bootstrap draws: whatever it takes to redo the fit.
+        details: window, sizes, scheme, bootstrap draws: whatever it takes to redo the fit.
+        notes: what a reader must know to believe the errors, one sentence each.
     """
 
     model: str
@@ -40,6 +41,7 @@ class Fit:
     systematic: Mapping[str, float] = field(default_factory=dict)
     status: str = "converged"
     details: Mapping[str, Any] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
 
     @property
     def converged(self) -> bool:
@@ -54,7 +56,7 @@ class Fit:
     @property
     def p_value(self) -> float:
         """Chance of a chi2 at least this large if the model holds; 1 without degrees of freedom."""
-        return float(chi2_distribution.sf(self.chi2, self.dof)) if self.dof > 0 else 1.0
+        return float(chdtrc(self.dof, self.chi2)) if self.dof > 0 else 1.0
 
     def total_error(self, name: str) -> float:
         """Statistical and systematic error of one parameter, added in quadrature."""
@@ -72,6 +74,7 @@ class Fit:
             "chi2": float(self.chi2),
             "dof": int(self.dof),
             "details": {k: _plain(v) for k, v in self.details.items()},
+            "notes": list(self.notes),
         }
 
     def __repr__(self) -> str:
@@ -82,7 +85,7 @@ class Fit:
             if name in self.systematic:
                 line += f" (statistical) ± {self.systematic[name]:.2g} (systematic)"
             lines.append(line)
-        return "\n".join(lines)
+        return "\n".join([*lines, *(f"  note: {note}" for note in self.notes)])
 
     def _repr_html_(self) -> str:
         rows = "".join(
@@ -93,6 +96,7 @@ class Fit:
         return (
             f"<div><b>{self.model}</b>: {self.status}; "
             f"&chi;&sup2; {self.chi2:.4g} / {self.dof}"
+            f"{''.join(f'<br>{note}' for note in self.notes)}"
             "<table><thead><tr><th></th><th>value</th><th>statistical</th><th>systematic</th></tr>"
             f"</thead><tbody>{rows}</tbody></table></div>"
         )

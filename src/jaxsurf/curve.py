@@ -6,8 +6,8 @@ nothing here pretends otherwise.
 
 A sample may carry a weight, the number of things it averages over (loops in a bin, valid pairs).
 The mean is then the ratio estimator $\bar y = \sum_i w_i y_i / \sum_i w_i$ and its covariance
-$n/(n-1) \sum_i w_i w'_i (y_i - \bar y)(y'_i - \bar y') / (\sum w \sum w')$, which with equal weights
-are the ordinary ones.
+$n/(n-1) \sum_i w_i w'_i (y_i - \bar y)(y'_i - \bar y') / (\sum w \sum w')$, which with equal
+weights are the ordinary ones.
 """
 
 from collections.abc import Iterable, Sequence
@@ -192,7 +192,8 @@ class Curve(eqx.Module):
         return (
             f"<details open><summary><code>{repr(self)}</code></summary><table><thead><tr>"
             f"<th>{names[0]} [{self.units[0]}]</th><th>{names[1]} [{self.units[1]}]</th>"
-            f"<th>standard error</th><th>count</th></tr></thead><tbody>{rows}</tbody></table></details>"
+            f"<th>standard error</th><th>count</th></tr></thead><tbody>{rows}</tbody></table>"
+            "</details>"
         )
 
     def _with(self, scale: Any, samples: Any, weights: Any) -> "Curve":
@@ -200,7 +201,8 @@ class Curve(eqx.Module):
 
     def _safe_count(self) -> Any:
         count = self.count
-        return count + (count == 0)
+        xp = jnp if _is_jax(count) else np
+        return xp.where(count == 0, xp.ones_like(count), count)
 
     def _pulls(self) -> Any:
         centred = self.samples - self.mean[..., None, :]

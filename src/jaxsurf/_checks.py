@@ -21,8 +21,8 @@ def is_traced(value: Any) -> bool:
 def check_in_range(
     name: str,
     value: Any,
-    low: float,
-    high: float,
+    low: float | int,
+    high: float | int,
     *,
     remedy: str,
     closed: tuple[bool, bool] = (True, True),
@@ -108,8 +108,8 @@ def check_heights(heights: Any, *, mask: Any = None, constant: bool = True) -> N
         )
     if min(heights.shape[-2:]) < SMALLEST_SIDE or heights.size == 0:
         raise ValueError(
-            f"a map must have at least {SMALLEST_SIDE} x {SMALLEST_SIDE} sites and a batch at least "
-            f"one map; got shape {heights.shape}. Pass a larger map."
+            f"a map must have at least {SMALLEST_SIDE} x {SMALLEST_SIDE} sites and a batch at "
+            f"least one map; got shape {heights.shape}. Pass a larger map."
         )
     kind = np.dtype(heights.dtype)
     if kind.kind not in "iuf" and kind.name not in ("bfloat16", "float16"):

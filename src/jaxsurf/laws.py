@@ -1,10 +1,10 @@
 r"""Spectral laws S(q), and what they imply exactly on a lattice.
 
-A law says how much height fluctuation there is at each wave number; with independent Gaussian modes
-it says everything about a surface. On a given periodic grid the mean of every quadratic measure is a
-finite sum over the grid's modes, $(1/A) \sum_q S(q) K(q)$, with a kernel K that depends on the measure
-alone. Those sums are what measurements are compared with: no continuum limit, no lattice or
-finite-size correction is left out.
+A law says how much height fluctuation there is at each wave number; with independent Gaussian
+modes it says everything about a surface. On a given periodic grid the mean of every quadratic
+measure is a finite sum over the grid's modes, $(1/A) \sum_q S(q) K(q)$, with a kernel K that
+depends on the measure alone. Those sums are what measurements are compared with: no continuum
+limit, no lattice or finite-size correction is left out.
 
 Kernels are formed as $2\sin^2$ rather than $1 - \cos$, so that float32 is enough: nothing cancels.
 
@@ -49,7 +49,7 @@ class SelfAffine(Law):
         ValueError: alpha, amplitude or cutoff outside its range.
 
     >>> SelfAffine(alpha=0.5)(2.0)
-    Array(0.125, dtype=float32, weak_type=True)
+    Array(0.125, dtype=float32)
     """
 
     alpha: ArrayLike
@@ -276,8 +276,8 @@ def expected_patch_variance(
 ) -> Float[Array, " size"]:
     r"""Exact mean of the variance inside b x b patches, $(1/A) \sum_q S(q) (1 - |W_b(q)|^2)$.
 
-    $W_b$ is the transform of the patch, $\sin(b q_x a/2)/(b \sin(q_x a/2))$ times the like in y. The
-    variance is that about the patch's own mean, divided by b^2.
+    $W_b$ is the transform of the patch, $\sin(b q_x a/2)/(b \sin(q_x a/2))$ times the like in y.
+    The variance is that about the patch's own mean, divided by b^2.
 
     Arguments:
         law: any spectral law; the result is differentiable in its fields.

@@ -2,13 +2,13 @@ r"""Exponents of contour loops as functions of the roughness exponent alpha, and
 
 Two scaling relations and a conjecture carry everything. Hyperscaling $D_f (\tau - 1) = 2 - \alpha$
 (Eq. scaling2), the sum rule $D_f (3 - \tau) = 2 - 2 x_l$ (Eq. scaling1), and the super-universal
-$x_l = 1/2$ (Eq. loopcorr-conj) give $D_f = (3 - \alpha)/2$ and $\tau - 1 = (4 - 2\alpha)/(3 - \alpha)$.
-Beyond the correlation length loops are hulls of percolation clusters, whatever alpha is
-(Eq. perc_results).
+$x_l = 1/2$ (Eq. loopcorr-conj) give $D_f = (3 - \alpha)/2$ and
+$\tau - 1 = (4 - 2\alpha)/(3 - \alpha)$. Beyond the correlation length loops are hulls of
+percolation clusters, whatever alpha is (Eq. perc_results).
 
-Every function takes a number or an array (NumPy or JAX, differentiable) and returns the like. The
-exponents of the general relations are defined for -1 <= alpha < 2: alpha = -1 is white noise, and at
-alpha = -3/4 the general $D_f$ and $\tau - 1$... meet those of percolation except $x_l$.
+Every function takes a number or an array (NumPy or JAX, differentiable) and returns the like, for
+-1 <= alpha < 2, where alpha = -1 is white noise. The two scaling relations hold for percolation
+hulls too, which sit at alpha = -3/4; only their x_l = 5/8 is not the conjectured 1/2.
 """
 
 from collections.abc import Callable
@@ -81,7 +81,7 @@ def length_exponent(alpha: Any) -> Any:
 
 
 def length_tail_exponent(alpha: Any) -> Any:
-    r"""Exponent of $P_>(s) \sim s^{-(\tau - 2)}$ through a random point, $(1-\alpha)/(3-\alpha)$."""
+    r"""Exponent of $P_>(s) \sim s^{-(\tau - 2)}$ at a random point: $(1-\alpha)/(3-\alpha)$."""
     return (1 - _checked(alpha)) / (3 - alpha)
 
 
@@ -118,7 +118,7 @@ def island_exponent(alpha: Any) -> Any:
 
 
 def radius_tail_exponent(alpha: Any) -> Any:
-    r"""$D_f (\tau - 2) = (1 - \alpha)/2$: chance of a loop wider than R through a point (Sec. V C)."""
+    r"""$D_f (\tau - 2) = (1 - \alpha)/2$: power of R in the chance of a wider loop (Sec. V C)."""
     return (1 - _checked(alpha)) / 2
 
 
@@ -155,7 +155,7 @@ def alpha_from_length_exponent(tau: Any, stderr: Any = None) -> Any:
 
 
 def alpha_from_length_tail(tail: Any, stderr: Any = None) -> Any:
-    r"""Roughness exponent from $t = \tau - 2$, the exponent of $P_>(s)$; see the inverse for tau."""
+    r"""Roughness exponent from $t = \tau - 2$, the exponent of $P_>(s)$ (Eq. Df-alpha)."""
     return _propagate((1 - 3 * tail) / (1 - tail), 2 / (1 - tail) ** 2, stderr)
 
 
@@ -166,13 +166,13 @@ def alpha_from_correlation(slope: Any, stderr: Any = None) -> Any:
 
 @dataclass(frozen=True)
 class ScalingForm:
-    r"""A loop measure or spectrum with a cut at a length: $y = x^{p} f(x / \xi^{d})$.
+    r"""A measure whose power law is cut at a length, $y = x^p f(x / \xi^d)$ (Eq. scross).
 
     Attributes:
         kind: the `Curve.kind` it describes.
         exponent: alpha -> p, the power below the cut.
         scale_dimension: alpha -> d, so that x is compared with xi^d (or L^d).
-        percolation: the power above the cut when xi is a correlation length; None if flat-less.
+        percolation: the power above the cut when xi is a correlation length.
     """
 
     kind: str

@@ -1,9 +1,9 @@
 r"""Gaussian surfaces: independent Fourier modes with the variance a law prescribes.
 
 A Gaussian surface is fully specified by S(q). Each mode is drawn on its own,
-$\langle |\tilde h(q)|^2 \rangle = A\, S(q)$ with the q = 0 mode zero, and one inverse real transform
-gives the heights. Unlike random midpoint displacement the result is statistically the same at every
-site and isotropic beyond a few lattice constants.
+$\langle |\tilde h(q)|^2 \rangle = A\, S(q)$ with the q = 0 mode zero, and one inverse real
+transform gives the heights. Unlike random midpoint displacement the result is statistically the
+same at every site and isotropic beyond a few lattice constants.
 
 Source: the paper's Sec. V A, Eq. (hqvar-2).
 """

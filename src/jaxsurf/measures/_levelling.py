@@ -95,7 +95,7 @@ def check_plane(valid: np.ndarray) -> None:
             )
 
 
-def _plane_functions(shape: tuple[int, int]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _plane_functions(shape: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """1, x and y from -1 to 1, as `[1, x, y]` arrays."""
     x = np.linspace(-1, 1, shape[0])[None, :, None] * np.ones((1, 1, shape[1]))
     y = np.linspace(-1, 1, shape[1])[None, None, :] * np.ones((1, shape[0], 1))

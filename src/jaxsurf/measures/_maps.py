@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Bool, Float, Int, Shaped
 
 from jaxsurf._checks import (
     check_choice,
@@ -23,8 +23,8 @@ from jaxsurf._checks import (
 
 BOUNDARIES = ("periodic", "open")
 
-#: Heights as a user may give them, and a mask of valid sites.
-Heights = Float[Array | np.ndarray, "*batch x y"]
+#: Heights `[..., x, y]` as a user may give them; `read` checks what they are.
+Heights = Shaped[Array | np.ndarray, "..."]
 Units = tuple[str, str]
 
 Result = TypeVar("Result")
@@ -96,12 +96,22 @@ def check_order(order: Any, *, low: int = 1) -> int:
     return check_integer("order", order, low=low, remedy="Pass 2 for the variance.")
 
 
+def rolled(
+    one: Shaped[Array, "x y"],
+    dx: int | Int[Array, ""],
+    dy: int | Int[Array, ""],
+) -> Shaped[Array, "x y"]:
+    """The map seen from a site (dx, dy) further on, on the torus: h(x + d) at x."""
+    shift: Any = (-dx, -dy)
+    return jnp.roll(one, shift, (0, 1))
+
+
 def side(shape: tuple[int, ...], spacing: Any) -> float:
     """The map's smaller side in units of length, for a curve's details."""
     return min(shape[-2:]) * float(spacing)
 
 
-def power_of(unit: str, exponent: float) -> str:
+def power_of(unit: str, exponent: float | int) -> str:
     """The unit of a power: "nm" and 2 give "nm^2"; pure numbers stay pure."""
     if unit == "1" or exponent == 0:
         return "1"

@@ -16,7 +16,7 @@ that the memory does not grow with the number of scales.
 Source: the paper's Sec. II C, Eqs. (curv_def), (curv_scale), (curv2), (curv4).
 """
 
-from functools import partial
+from functools import partial, reduce
 from typing import Any
 
 import jax
@@ -80,7 +80,7 @@ def moments(
 
 def _neighbours(one: Float[Array, "x y"], b: Int[Array, ""], offsets: Offsets) -> Array:
     """Sum over m of h(x + b e_m) on the torus."""
-    shifted = [jnp.roll(one, (-b * dx, -b * dy), (0, 1)) for dx, dy in offsets]
+    shifted = [_maps.rolled(one, b * dx, b * dy) for dx, dy in offsets]
     return sum(shifted[1:], shifted[0])
 
 
@@ -90,18 +90,23 @@ def _present(
     """Where C_b exists: None for everywhere."""
     present = valid
     if valid is not None:
-        for dx, dy in offsets:
-            present = present & jnp.roll(valid, (-b * dx, -b * dy), (0, 1))
+        neighbours = [_maps.rolled(valid, b * dx, b * dy) for dx, dy in offsets]
+        present = reduce(jnp.logical_and, neighbours, valid)
     if boundary == "open":
-        inside = jnp.ones(shape, bool)
-        for axis in (0, 1):
-            at = jnp.arange(shape[axis], dtype=jnp.int32)
-            low = b * -min(0, *(e[axis] for e in offsets))
-            high = shape[axis] - b * max(0, *(e[axis] for e in offsets))
-            along = (at >= low) & (at < high)
-            inside = inside & (along[:, None] if axis == 0 else along[None, :])
+        inside = _inside(shape, b, offsets)
         present = inside if present is None else present & inside
     return present
+
+
+def _inside(shape: tuple[int, ...], b: Array, offsets: Offsets) -> Bool[Array, "x y"]:
+    """Whether all the neighbours of a site lie on the map."""
+    along = []
+    for axis in (0, 1):
+        at = jnp.arange(shape[axis], dtype=jnp.int32)
+        low = b * -min(0, *(e[axis] for e in offsets))
+        high = shape[axis] - b * max(0, *(e[axis] for e in offsets))
+        along.append((at >= low) & (at < high))
+    return along[0][:, None] & along[1][None, :]
 
 
 @_maps.in_their_own_dtype

@@ -15,5 +15,11 @@ from jaxsurf.measures.curvature import curvature_moment as curvature_moment
 from jaxsurf.measures.fourier import directional_spectrum as directional_spectrum
 from jaxsurf.measures.fourier import power_spectrum as power_spectrum
 from jaxsurf.surfaces.gaussian import sample as sample
+from jaxsurf.surfaces.single_step import SingleStep as SingleStep
+from jaxsurf.surfaces.single_step import grow_single_step as grow_single_step
+from jaxsurf.surfaces.single_step import init_single_step as init_single_step
+from jaxsurf.surfaces.single_step import load_single_step as load_single_step
+from jaxsurf.surfaces.single_step import run_single_step as run_single_step
+from jaxsurf.surfaces.single_step import step_single_step as step_single_step
 
 __version__ = "0.1.0"

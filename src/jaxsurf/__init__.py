@@ -7,6 +7,7 @@ from jaxsurf import laws as laws
 from jaxsurf import theory as theory
 from jaxsurf.curve import Curve as Curve
 from jaxsurf.curve import concatenate as concatenate
+from jaxsurf.fitting.collapse import fit_collapse as fit_collapse
 from jaxsurf.fitting.fit import Fit as Fit
 from jaxsurf.fitting.power_law import fit_power_law as fit_power_law
 from jaxsurf.laws import SelfAffine as SelfAffine

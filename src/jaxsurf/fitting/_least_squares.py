@@ -41,7 +41,7 @@ class Solution(eqx.Module):
     finite: Bool[Array | np.ndarray, "*problem"]
 
     @property
-    def success(self) -> Bool[Array | np.ndarray, "*problem"]:
+    def success(self) -> Bool[Array | np.ndarray, "*problem"] | np.bool_:
         """Finished at finite values."""
         return self.finished & self.finite
 
@@ -61,7 +61,9 @@ class Solution(eqx.Module):
         return CONVERGED
 
 
-def least_squares(residuals: Residuals, start: Any, data: Any, *, steps: int = 256) -> Solution:
+def least_squares(
+    residuals: Residuals, start: Any, data: Any, *, steps: int = 256, tolerance: float = RTOL
+) -> Solution:
     """Minimise the sum of squared `residuals(parameters, data)`; for use under jit, vmap and grad.
 
     Arguments:
@@ -69,6 +71,7 @@ def least_squares(residuals: Residuals, start: Any, data: Any, *, steps: int = 2
         start: starting values, a pytree of arrays.
         data: whatever `residuals` needs, a pytree of arrays.
         steps: give up after so many.
+        tolerance: stop when parameters and residuals change by a smaller share than this.
 
     Returns:
         A `Solution` whose values have implicit derivatives in `data`. It never raises: look at
@@ -76,7 +79,7 @@ def least_squares(residuals: Residuals, start: Any, data: Any, *, steps: int = 2
 
     Source: Levenberg-Marquardt, `optimistix.LevenbergMarquardt`.
     """
-    solver = optx.LevenbergMarquardt(rtol=RTOL, atol=ATOL)
+    solver = optx.LevenbergMarquardt(rtol=tolerance, atol=tolerance * ATOL / RTOL)
     found = optx.least_squares(residuals, solver, start, data, max_steps=steps, throw=False)
     chi2 = jnp.sum(residuals(found.value, data) ** 2)
     leaves = [jnp.all(jnp.isfinite(leaf)) for leaf in (*jax.tree.leaves(found.value), chi2)]

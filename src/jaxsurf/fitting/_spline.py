@@ -1,9 +1,9 @@
 r"""The master curve of a collapse: a cubic spline in log-log, linear in its coefficients.
 
 Uniform cubic B-splines $\beta_3$ over the range of $u = \ln X$, so that $\ln Y = \sum_k c_k
-\beta_3(t - k + 1)$ with $t$ running from 0 to the number of intervals. For given exponents the $c_k$
-follow by linear least squares; `project_out` removes them exactly, which leaves a least-squares
-problem in the exponents alone (variable projection; Golub & Pereyra 1973).
+\beta_3(t - k + 1)$ with $t$ running from 0 to the number of intervals. For given exponents the
+$c_k$ follow by linear least squares; `project_out` removes them exactly, which leaves a
+least-squares problem in the exponents alone (variable projection; Golub & Pereyra 1973).
 """
 
 import jax.numpy as jnp

@@ -1,0 +1,155 @@
+r"""What a collapse is fitted to: the logarithms of all curves, stacked, with their covariance.
+
+Surfaces of different sizes are independent; curves of different measures at one size are taken to
+come from the same surfaces, row by row, if they have the same number of them, and their covariance
+is then kept. $\ln \bar y$ is biased by $-\sigma^2/2\bar y^2$, which is put right.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from jaxsurf.curve import Curve
+from jaxsurf.fitting._resample import bootstrap_counts, pulls, resampled_means, shrunk_covariance
+
+#: A point with a larger relative error has no useful logarithm.
+LARGEST_ERROR = 0.2
+#: Neighbouring points of a curve closer than this ratio say nearly the same thing.
+SPARSEST = 1.2
+
+Window = tuple[float, float] | Callable[[Curve, float], tuple[float, float]] | None
+
+
+@dataclass(frozen=True)
+class Block:
+    """Curves from one set of surfaces, and where their points stand in the stack."""
+
+    curves: tuple[Curve, ...]
+    rows: Int[np.ndarray, " point"]
+    covariance: Float[np.ndarray, "point point"]
+
+
+@dataclass(frozen=True)
+class Stack:
+    """All points of a collapse, one after the other.
+
+    Attributes:
+        x: scales.
+        log_y: logarithms of the means.
+        size: L (or t) of each point.
+        measure: which measure each point belongs to.
+        blocks: the groups of points whose errors are correlated.
+    """
+
+    x: Float[np.ndarray, " point"]
+    log_y: Float[np.ndarray, " point"]
+    size: Float[np.ndarray, " point"]
+    measure: Int[np.ndarray, " point"]
+    blocks: tuple[Block, ...]
+
+    def stderr(self) -> Float[np.ndarray, " point"]:
+        """Standard errors of `log_y`."""
+        errors = np.zeros(len(self.x))
+        for block in self.blocks:
+            errors[block.rows] = np.sqrt(np.diag(block.covariance))
+        return errors
+
+    def whitening(
+        self, use: Bool[np.ndarray, " point"], slope: Float[np.ndarray, " point"]
+    ) -> Float[np.ndarray, "point point"]:
+        """The matrix that makes the errors of the points in use independent and of size one.
+
+        Arguments:
+            use: points to keep; the rows of the others are zero.
+            slope: d ln Y / d ln y of each point.
+        """
+        matrix = np.zeros((len(self.x), len(self.x)))
+        for block in self.blocks:
+            kept = use[block.rows]
+            rows = block.rows[kept]
+            if len(rows):
+                scaled = block.covariance[np.ix_(kept, kept)] * np.outer(slope[rows], slope[rows])
+                matrix[np.ix_(rows, rows)] = np.linalg.inv(np.linalg.cholesky(scaled))
+        return matrix
+
+    def bootstrap(self, draws: int, rng: np.random.Generator) -> Float[np.ndarray, "draw point"]:
+        """`log_y` of surfaces drawn again, its spread set right for the number of surfaces."""
+        drawn = np.tile(self.log_y, (draws, 1))
+        for block in self.blocks:
+            surfaces = block.curves[0].surfaces
+            counts = bootstrap_counts(surfaces, draws, rng)
+            mean = np.concatenate([np.log(np.asarray(c.mean, float)) for c in block.curves])
+            pairs = [resampled_means(curve, counts) for curve in block.curves]
+            again = np.concatenate([means for means, _ in pairs], 1)
+            usable = np.concatenate([present for _, present in pairs], 1) & (again > 0)
+            shift = np.log(np.where(usable, again, np.exp(mean)[None, :])) - mean
+            drawn[:, block.rows] += shift * np.sqrt(surfaces / (surfaces - 1))
+        return drawn
+
+
+def stack_curves(measures: Sequence[Mapping[float, Curve]], window: Window) -> Stack:
+    """Select, thin and stack the curves of every measure and size.
+
+    Raises:
+        ValueError: a curve with too few surfaces or no usable points, named by kind and size.
+    """
+    groups: dict[tuple[float, int], list[tuple[int, Curve]]] = {}
+    for index, curves in enumerate(measures):
+        for size, curve in sorted(curves.items()):
+            usable = _usable(curve, float(size), window)
+            groups.setdefault((float(size), curve.surfaces), []).append((index, usable))
+    x, log_y, sizes, measure, blocks, first = [], [], [], [], [], 0
+    for (size, _), members in groups.items():
+        curves = tuple(curve for _, curve in members)
+        mean = np.concatenate([np.asarray(curve.mean, float) for curve in curves])
+        relative = np.concatenate([pulls(curve) for curve in curves], 1) / mean
+        covariance, _ = shrunk_covariance(relative)
+        rows = first + np.arange(len(mean))
+        first += len(mean)
+        blocks.append(Block(curves, rows, covariance))
+        x.append(np.concatenate([np.asarray(curve.scale, float) for curve in curves]))
+        log_y.append(np.log(mean) + (relative**2).sum(0) / 2)
+        sizes.append(np.full(len(mean), size))
+        measure.append(np.concatenate([np.full(len(c.scale), i) for i, c in members]))
+    return Stack(
+        np.concatenate(x),
+        np.concatenate(log_y),
+        np.concatenate(sizes),
+        np.concatenate(measure),
+        tuple(blocks),
+    )
+
+
+def _usable(curve: Curve, size: float, window: Window) -> Curve:
+    if curve.surfaces < 3:
+        raise ValueError(
+            f"each curve needs at least 3 surfaces for its covariance; got {curve.surfaces} for "
+            f"{curve.kind} at {size:g}. Measure more surfaces, or cut the map into parts."
+        )
+    low, high = window(curve, size) if callable(window) else window or (-np.inf, np.inf)
+    scale, mean = np.asarray(curve.scale, float), np.asarray(curve.mean, float)
+    inside = (scale >= low) & (scale <= high) & (scale > 0) & (mean > 0)
+    spread = np.asarray(curve.stderr, float)
+    inside &= (spread > 0) & (spread <= LARGEST_ERROR * mean)
+    kept, last = [], -np.inf
+    for point in np.flatnonzero(inside):
+        if np.log(scale[point]) >= last + np.log(SPARSEST) - 1e-9:
+            kept.append(point)
+            last = np.log(scale[point])
+    if len(kept) < 3:
+        raise ValueError(
+            f"each curve needs at least 3 points with an error below {LARGEST_ERROR:.0%}; got "
+            f"{len(kept)} for {curve.kind} at {size:g} in the window ({low:g}, {high:g}). "
+            "Widen the window, add surfaces or leave this size out."
+        )
+    samples, weights = np.asarray(curve.samples, float), np.asarray(curve.weights, float)
+    return Curve(
+        curve.kind,
+        scale[kept],
+        samples[:, kept],
+        weights[:, kept],
+        units=curve.units,
+        details=curve.details,
+    )

@@ -141,6 +141,17 @@ class Curve(eqx.Module):
         """The curve without its missing scales."""
         return self.window(-np.inf, np.inf)
 
+    def in_units(self, scale: str, value: str) -> "Curve":
+        """The same numbers with their units named, e.g. "nm" for both."""
+        return Curve(
+            self.kind,
+            self.scale,
+            self.samples,
+            self.weights,
+            units=(scale, value),
+            details=self.details,
+        )
+
     def resample(self, surfaces: Sequence[int] | np.ndarray) -> "Curve":
         """The curve of the given surfaces, repeats allowed: a bootstrap draw or a jackknife."""
         rows = np.asarray(surfaces)

@@ -12,6 +12,8 @@ from jaxsurf.fitting.fit import Fit as Fit
 from jaxsurf.fitting.power_law import fit_power_law as fit_power_law
 from jaxsurf.laws import SelfAffine as SelfAffine
 from jaxsurf.laws import WhiteNoise as WhiteNoise
+from jaxsurf.loops.loops import Loops as Loops
+from jaxsurf.loops.trace import trace_loops as trace_loops
 from jaxsurf.measures.curvature import curvature_moment as curvature_moment
 from jaxsurf.measures.fourier import directional_spectrum as directional_spectrum
 from jaxsurf.measures.fourier import power_spectrum as power_spectrum

@@ -1,0 +1,219 @@
+"""The maps that loops are drawn on: checked, dithered where heights repeat, cut at open edges.
+
+A contour at level c separates the sites above it, h > c, from the others. Heights that repeat make
+that ill-defined: two neighbours at exactly the level, a saddle exactly at it. Maps whose heights
+lie on a ladder of steps (growth models, counts of a converter) are therefore dithered, as the
+paper does: one draw per surface of independent Gaussian noise of one thousandth of the step.
+
+NumPy alone.
+"""
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+SMALLEST_SIDE = 4
+BOUNDARIES = ("periodic", "open")
+DITHER = 1e-3  # standard deviation of the dither over the step of the heights
+
+
+@dataclass(frozen=True)
+class Maps:
+    """A batch of maps ready for contouring.
+
+    Attributes:
+        heights: `[surface, x, y]`, float32 or float64, dithered if need be.
+        valid: which sites may be used, or None for all.
+        first: the number of the first surface of the batch among all surfaces.
+        notes: what was done to the heights, in words.
+    """
+
+    heights: Float[np.ndarray, "surface x y"]
+    valid: Bool[np.ndarray, "surface x y"] | None
+    first: int
+    notes: tuple[str, ...]
+
+
+def batches(heights: Any, mask: Any, seed: int, limit: int) -> Iterator[Maps]:
+    """Split maps into batches of at most `limit` sites (one map at least), checked and dithered.
+
+    Arguments:
+        heights: an array `[x, y]` or `[surface, x, y]`, or an iterable of such arrays, which is
+            read one array at a time.
+        mask: None, or boolean, true on valid sites, of the shape of one map or of all of them.
+        seed: what the dither is drawn from; surface k gets the same draw in any batch.
+        limit: sites in a batch.
+    """
+    dither = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(0,)))
+    first, side = 0, None
+    for block in _blocks(heights):
+        stack = _checked_stack(block)
+        if side is not None and stack.shape[1:] != side:
+            raise ValueError(
+                f"all maps must have one shape; got {side} and then {stack.shape[1:]}. "
+                "Trace maps of different shapes in separate calls."
+            )
+        side = stack.shape[1:]
+        step = max(1, limit // (side[0] * side[1]))
+        for start in range(0, len(stack), step):
+            part = stack[start : start + step]
+            valid = _checked_mask(mask, part.shape, first)
+            _check_finite(part, valid, first)
+            heights_, notes = _dithered(part, dither)
+            yield Maps(heights_, valid, first, notes)
+            first += len(part)
+    if side is None:
+        raise ValueError(
+            "heights must hold at least one map; got none. Pass [x, y] or [surface, x, y]."
+        )
+
+
+def check_choice(name: str, value: Any, choices: Iterable[str]) -> None:
+    """Raise unless `value` is one of the named choices."""
+    allowed = sorted(choices)
+    if value not in allowed:
+        raise ValueError(
+            f"{name} must be one of {allowed}; got {value!r}. Pass one of these names."
+        )
+
+
+def check_count(name: str, value: Any) -> int:
+    """Return `value` as an int; raise unless it is a whole number of at least 1."""
+    if isinstance(value, bool | np.bool_) or not isinstance(value, int | np.integer):
+        raise TypeError(f"{name} must be an integer; got {value!r}. Pass 1 or more.")
+    if value < 1:
+        raise ValueError(f"{name} must be at least 1; got {value}. Pass 1 or more.")
+    return int(value)
+
+
+def check_spacing(spacing: Any) -> float:
+    """Return the lattice spacing as a float; raise unless it is positive and finite."""
+    value = float(spacing)
+    if not 0 < value < np.inf:
+        raise ValueError(
+            f"spacing must be positive and finite; got {spacing!r}. "
+            "Pass the lattice constant in your unit of length, 1.0 for sites."
+        )
+    return value
+
+
+def seed_of(rng: Any) -> int:
+    """One integer that everything random in a call is derived from."""
+    if isinstance(rng, np.random.Generator):
+        return int(rng.integers(2**63))
+    if isinstance(rng, int | np.integer) and not isinstance(rng, bool) and rng >= 0:
+        return int(rng)
+    raise TypeError(
+        f"rng must be a numpy.random.Generator or an integer >= 0; got {rng!r}. "
+        "Pass rng=0, or numpy.random.default_rng(0)."
+    )
+
+
+def _blocks(heights: Any) -> Iterator[Any]:
+    if hasattr(heights, "ndim"):
+        yield heights
+    elif isinstance(heights, Iterable) and not isinstance(heights, str | bytes | dict):
+        for block in heights:
+            if not hasattr(block, "ndim"):
+                raise TypeError(
+                    "heights must be an array or hold arrays; got an iterable of "
+                    f"{type(block).__name__}. Wrap nested lists with numpy.asarray."
+                )
+            yield block
+    else:
+        raise TypeError(
+            f"heights must be an array; got {type(heights).__name__}. "
+            "Pass [x, y], [surface, x, y], or an iterable of such arrays."
+        )
+
+
+def _checked_stack(block: Any) -> np.ndarray:
+    heights = np.asarray(block)
+    if heights.ndim not in (2, 3):
+        raise ValueError(
+            f"heights must be a map [x, y] or a batch [surface, x, y]; got shape {heights.shape}. "
+            "Reshape further batch axes into one."
+        )
+    if heights.dtype.kind not in "iuf" and heights.dtype.name != "bfloat16":
+        raise TypeError(
+            f"heights must be real numbers; got dtype {heights.dtype}. "
+            "Pass the real part, or the modulus, of complex data."
+        )
+    if min(heights.shape[-2:]) < SMALLEST_SIDE or heights.size == 0:
+        raise ValueError(
+            f"a map must have at least {SMALLEST_SIDE} x {SMALLEST_SIDE} sites; got shape "
+            f"{heights.shape}. Pass a larger map."
+        )
+    return heights[None] if heights.ndim == 2 else heights
+
+
+def _checked_mask(mask: Any, shape: tuple[int, ...], first: int) -> np.ndarray | None:
+    if mask is None:
+        return None
+    given = np.asarray(mask)
+    if given.dtype != bool:
+        raise TypeError(
+            f"mask must be boolean, true on valid sites; got dtype {given.dtype}. "
+            "Pass e.g. numpy.isfinite(heights)."
+        )
+    if given.shape == shape[1:]:
+        part = np.broadcast_to(given, shape)
+    elif given.ndim == 3 and given.shape[1:] == shape[1:] and len(given) >= first + shape[0]:
+        part = given[first : first + shape[0]]
+    else:
+        raise ValueError(
+            f"mask must have the shape of one map, {shape[1:]}, or of all of them; "
+            f"got {given.shape}. Pass one boolean a site."
+        )
+    whole = part[:, :-1, :-1] & part[:, 1:, :-1] & part[:, 1:, 1:] & part[:, :-1, 1:]
+    if not (usable := whole.any((1, 2))).all():
+        raise ValueError(
+            "mask must leave at least one plaquette of four valid sites; it leaves none in surface "
+            f"{first + int(np.argmin(usable))}. Leave that surface out, or mask less."
+        )
+    return part
+
+
+def _check_finite(heights: np.ndarray, valid: np.ndarray | None, first: int) -> None:
+    where: Any = True if valid is None else valid
+    finite = np.isfinite(heights)
+    if not np.all(finite, where=where):
+        bad = int(np.count_nonzero(~finite & where))
+        raise ValueError(
+            f"heights must be finite; got {bad} NaN or infinite among {heights.size} sites. "
+            "Pass mask= with False on the missing sites, or fill them."
+        )
+    if valid is None:
+        flat = heights.max((1, 2)) == heights.min((1, 2))
+    else:
+        reference = np.take_along_axis(
+            heights.reshape(len(heights), -1), valid.reshape(len(heights), -1).argmax(1)[:, None], 1
+        )
+        flat = ((heights == reference[:, :, None]) | ~valid).all((1, 2))
+    if flat.any():
+        raise ValueError(
+            "heights must vary over a map; got constant heights in surface "
+            f"{first + int(np.argmax(flat))}. A flat map has no contours: leave it out."
+        )
+
+
+def _dithered(heights: np.ndarray, rng: np.random.Generator) -> tuple[np.ndarray, tuple[str, ...]]:
+    """Heights as floats, with noise added to whole batches whose heights are steps of a ladder."""
+    if heights.dtype.kind in "iu":
+        step, said = 1.0, "integer heights"
+    else:
+        kept = heights.astype(np.float32) if heights.dtype.itemsize < 4 else heights
+        if not (step := _ladder_step(kept)):
+            return kept, ()
+        heights, said = kept, f"heights on a ladder of step {step:.4g}"
+    noise = rng.standard_normal(heights.shape)
+    scale = DITHER * step
+    return heights + scale * noise, (f"dithered {said}: Gaussian noise of {scale:.2g} added",)
+
+
+def _ladder_step(heights: np.ndarray) -> float:
+    """The step of whole-number floats; 0 if the heights are not whole numbers."""
+    return 1.0 if np.array_equal(heights, np.rint(heights)) else 0.0

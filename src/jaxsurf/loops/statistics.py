@@ -1,0 +1,200 @@
+r"""Statistics of contour loops: the measures 10 to 12 of the paper's Table III.
+
+- $\langle s\rangle(R) \sim R^{D_f}$, the mean length of loops of radius R;
+- $P_>(s) \sim s^{-(\tau-2)}$, the share of points whose loop is longer than s;
+- $G(r) \sim r^{-2x_l}$, the chance that a site at distance r of a point is on the same loop.
+
+Lengths are even and radii whole, and ratio-1.1 bins are narrower than that spacing where curves are
+most precise. So a bin is made of the values that can occur: R = 1, 2, 3, ...; the tail is taken
+between admissible lengths, at odd s; and a shell of G(r) is divided by the number of lattice sites
+it holds, which tends to $2\pi r$.
+
+Loops that wind or are open are left out. An average counts each loop in one of three ways:
+`per="point"`, through a random point (length over gradient); `per="length"`, in proportion to
+length; `per="loop"`, each loop once.
+
+Source: the paper's Eqs. (Ds-R), (PS), (loopcorr) and Appendix C.
+"""
+
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+
+from jaxsurf.curve import Curve
+from jaxsurf.loops.loops import Loops
+
+BIN_RATIO = 1.1
+
+
+def mean_length(loops: Loops, *, per: str | None = None, ratio: float = BIN_RATIO) -> Curve:
+    r"""Mean length of loops of radius R, in logarithmic bins of the whole numbers R.
+
+    $$\langle s \rangle(R) \sim R^{D_f}, \qquad D_f = (3 - \alpha)/2$$
+
+    Arguments:
+        loops: the loops of one or more surfaces.
+        per: what an average counts once, "point", "length" or "loop"; by default "point" for loops
+            through random points and "length" for whole level sets.
+        ratio: upper over lower edge of a bin.
+
+    Returns:
+        A `Curve` over R, weighted by the loops (or the contour length) behind each sample.
+
+    Source: the paper's Eq. (Ds-R).
+    """
+    weight, per = _weights(loops, per)
+    closed = loops.closed
+    bins, scale = _whole_number_bins(max(loops.shape), ratio)
+    radius = loops.radius[closed]
+    inside = radius < len(bins)
+    cell = loops.surface[closed][inside] * len(scale) + bins[radius[inside]]
+    size = loops.surfaces * len(scale)
+    weight, length = weight[closed][inside], loops.length[closed][inside]
+    count = np.bincount(cell, weight, size).reshape(loops.surfaces, -1)
+    total = np.bincount(cell, weight * length, size).reshape(loops.surfaces, -1)
+    samples = total / np.where(count > 0, count, 1.0) * loops.spacing
+    unit = _unit(loops)
+    return Curve(
+        "mean_length",
+        scale * loops.spacing,
+        samples,
+        count,
+        units=(unit, unit),
+        details=_details(loops, per),
+    )
+
+
+def length_tail(loops: Loops, *, per: str | None = None, ratio: float = BIN_RATIO) -> Curve:
+    r"""Share of points whose loop is longer than s.
+
+    $$P_>(s) = \sum_{s' > s} P(s') \sim s^{-(\tau - 2)}, \qquad \tau - 1 = (4 - 2\alpha)/(3 -
+    \alpha)$$
+
+    Taken at odd s, halfway between the lengths that can occur, where the sum is closest to an
+    integral. Its points are strongly correlated; fit them with `Curve.covariance`.
+
+    Arguments:
+        loops: the loops of one or more surfaces.
+        per: as for `mean_length`; with "loop" the tail is that of the loops, s^-(tau - 1).
+        ratio: of successive values of s.
+
+    Returns:
+        A `Curve` over s, each surface weighted by its loops; zero beyond the longest loop.
+
+    Source: the paper's Eqs. (PS) and (taudef).
+    """
+    weight, per = _weights(loops, per)
+    closed = loops.closed
+    longest = loops.shape[0] * loops.shape[1]
+    steps = int(np.log(longest / 5) / np.log(ratio)) + 1
+    scale = np.unique(2 * np.round((5 * ratio ** np.arange(steps) - 1) / 2) + 1)
+    cell = np.searchsorted(scale, loops.length[closed])  # how many of the s are exceeded
+    cell += loops.surface[closed] * (len(scale) + 1)
+    size = loops.surfaces * (len(scale) + 1)
+    count = np.bincount(cell, weight[closed], size).reshape(loops.surfaces, -1)
+    total = count.sum(1, keepdims=True)
+    longer = total - np.cumsum(count, 1)[:, :-1]
+    samples = np.maximum(longer, 0.0) / np.where(total > 0, total, 1.0)
+    return Curve(
+        "length_tail",
+        scale * loops.spacing,
+        samples,
+        np.broadcast_to(total, samples.shape).copy(),
+        units=(_unit(loops), "1"),
+        details=_details(loops, per),
+    )
+
+
+def correlation(loops: Loops, *, ratio: float = BIN_RATIO) -> Curve:
+    r"""Chance that a site at distance r of a point is on the loop through that point.
+
+    $$G(r) = \frac{g(r)}{n(r)} \sim r^{-2x_l}$$
+
+    g(r) counts the points of the unwrapped loop at distance [r, r + 1) of its start, per start, and
+    n(r), close to $\pi(2r + 1)$, the sites of the dual lattice there; r = 0 is left out. Shells are
+    merged into logarithmic bins, and the scale is the geometric mean distance of a bin's sites.
+
+    Arguments:
+        loops: from `trace_loops(..., correlation=True)`.
+        ratio: outer over inner edge of a bin.
+
+    Returns:
+        A `Curve` over r up to the larger side; each surface weighted by its starts.
+
+    Raises:
+        ValueError: pairs were not counted.
+
+    Source: the paper's Eq. (loopcorr), Appendix C.
+    """
+    if loops.pairs is None:
+        raise ValueError(
+            "correlation needs the pairs counted during tracing; these loops have none. "
+            "Trace with correlation=True; selected loops lose them."
+        )
+    bins, scale, sites = _shell_bins(loops.pairs.shape[1], ratio)
+    counted = np.zeros((loops.surfaces, len(scale)))
+    np.add.at(counted.T, bins, loops.pairs[:, 1:].T)
+    starts = np.bincount(loops.surface[loops.closed], minlength=loops.surfaces).astype(float)[
+        :, None
+    ]
+    samples = counted / sites / np.where(starts > 0, starts, 1.0)
+    return Curve(
+        "loop_correlation",
+        scale * loops.spacing,
+        samples,
+        np.broadcast_to(starts, samples.shape).copy(),
+        units=(_unit(loops), "1"),
+        details=_details(loops, "point"),
+    )
+
+
+def _weights(loops: Loops, per: str | None) -> tuple[np.ndarray, str]:
+    """What each loop counts for, given how it was found and what is to count once."""
+    per = per or {"points": "point", "levels": "length"}[loops.sampling]
+    length = np.maximum(loops.length, 1).astype(float)
+    weights = {
+        ("points", "point"): np.ones_like(length),
+        ("points", "loop"): 1 / length,
+        ("levels", "length"): length,
+        ("levels", "loop"): np.ones_like(length),
+    }
+    if (loops.sampling, per) not in weights:
+        allowed = sorted(p for s, p in weights if s == loops.sampling)
+        raise ValueError(
+            f"per must be one of {allowed} for loops sampled by {loops.sampling}; got {per!r}. "
+            "Use level_loops for whole level sets, trace_loops for random points."
+        )
+    return weights[loops.sampling, per], per
+
+
+def _details(loops: Loops, per: str) -> tuple[tuple[str, Any], ...]:
+    side = min(loops.shape) * loops.spacing
+    return (("side", side), ("sampling", loops.sampling), ("per", per))
+
+
+def _unit(loops: Loops) -> str:
+    return "sites" if loops.spacing == 1.0 else "length"
+
+
+@lru_cache(maxsize=64)
+def _whole_number_bins(largest: int, ratio: float) -> tuple[np.ndarray, np.ndarray]:
+    """The bin of each whole number 0 ... largest (0 has none: -1), and the geometric means."""
+    numbers = np.arange(1, largest + 1)
+    raw = np.floor(np.log(numbers) / np.log(ratio) + 1e-9).astype(int)
+    kept, bins = np.unique(raw, return_inverse=True)
+    scale = np.exp(np.bincount(bins, np.log(numbers)) / np.bincount(bins, minlength=len(kept)))
+    return np.concatenate([[-1], bins]), scale
+
+
+@lru_cache(maxsize=64)
+def _shell_bins(shells: int, ratio: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The bin of each shell [r, r + 1) for r = 1 ... shells - 1, scales and sites of the bins."""
+    side = np.arange(-shells, shells + 1)
+    distance = np.hypot(side[:, None], side[None, :]).ravel()
+    distance = distance[(distance >= 1) & (distance < shells)]
+    shell = distance.astype(int)
+    bins = _whole_number_bins(shells - 1, ratio)[0][1:]
+    sites = np.bincount(bins[shell - 1])
+    scale = np.exp(np.bincount(bins[shell - 1], np.log(distance)) / sites)
+    return bins, scale, sites

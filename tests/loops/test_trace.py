@@ -1,0 +1,334 @@
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from jaxsurf.loops import trace as trace_module
+from jaxsurf.loops.loops import Loops
+from jaxsurf.loops.maps import Maps
+from jaxsurf.loops.trace import trace_loops
+
+STEPS = ((1, 0), (0, 1), (-1, 0), (0, -1))
+
+
+def corners(x, y):
+    return ((x, y), (x + 1, y), (x + 1, y + 1), (x, y + 1))
+
+
+def mean_height(h, x, y):
+    a, b, c, d = (h[i % h.shape[0], j % h.shape[1]] for i, j in corners(x, y))
+    return ((a + c) + (b + d)) * h.dtype.type(0.25)
+
+
+def bond(x, y, d, shape):
+    """The bond crossed on entering plaquette (x, y) in direction d, as two sites."""
+    pair = (corners(x, y)[(d + 3) % 4], corners(x, y)[d])
+    return frozenset((i % shape[0], j % shape[1]) for i, j in pair)
+
+
+def scalar_loop(h, level, x, y, d):
+    """Follow one loop, one plaquette at a time, by the rules as the paper words them.
+
+    Returns the unwrapped plaquettes, the first one not repeated, and the bonds crossed.
+    """
+
+    def above(i, j):
+        return h[i % h.shape[0], j % h.shape[1]] > level
+
+    path, bonds, start = [], [], (x % h.shape[0], y % h.shape[1], d)
+    while True:
+        path.append((x, y))
+        bonds.append(bond(x, y, d, h.shape))
+        sites = corners(x, y)
+        far_left, far_right = above(*sites[(d + 2) % 4]), above(*sites[(d + 1) % 4])
+        if far_left and not far_right:
+            turn = 0
+        elif not far_left and not far_right:
+            turn = 1
+        elif far_left and far_right:
+            turn = -1
+        else:  # a saddle: a centre above the level joins the sites above it
+            turn = -1 if mean_height(h, x, y) > level else 1
+        d = (d + turn) % 4
+        x, y = x + STEPS[d][0], y + STEPS[d][1]
+        if (x % h.shape[0], y % h.shape[1], d) == start:
+            return path + [(x, y)], bonds
+
+
+def summary(path, shape):
+    """Length, radius, area and winding of an unwrapped closed path."""
+    x, y = np.array(path).T
+    winding = ((x[-1] - x[0]) // shape[0], (y[-1] - y[0]) // shape[1])
+    radius = max(np.ptp(x), np.ptp(y))
+    area = int(np.sum(x[:-1] * np.diff(y))) if winding == (0, 0) else 0
+    return len(path) - 1, int(radius), area, *map(int, winding)
+
+
+def traced(h, points, rng, **options):
+    """The loops of one map together with where they started."""
+    seed = trace_module.seed_of(rng)
+    maps = Maps(h[None], None, 0, ())
+    board = trace_module._board(maps, False)
+    starts = trace_module._starts(maps, board, points, seed)
+    return trace_loops(h, points, rng=rng, **options), starts
+
+
+def row(loops, k):
+    return (
+        int(loops.length[k]),
+        int(loops.radius[k]),
+        int(loops.area[k]),
+        int(loops.winding[k, 0]),
+        int(loops.winding[k, 1]),
+    )
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+def test_agrees_with_a_scalar_tracer_loop_by_loop(dtype):
+    rng = np.random.default_rng(5)
+    seen_saddle = seen_winding = 0
+    for trial in range(150):
+        shape = tuple(rng.integers(4, 24, 2))
+        h = rng.standard_normal(shape)
+        if trial % 3 == 1:  # smoother, so that loops are longer and wind more often
+            h = sum(np.roll(h, (i, j), (0, 1)) for i in range(3) for j in range(3))
+        if trial % 3 == 2:
+            h = np.cumsum(h, 0) - np.linspace(0, 1, shape[0])[:, None] * np.sum(h, 0)
+        loops, starts = traced(h.astype(dtype), 12, trial)
+        for k in range(12):
+            where = (starts.x[k], starts.y[k], starts.direction[k])
+            path, bonds = scalar_loop(h.astype(dtype), starts.level[k], *map(int, where))
+            assert row(loops, k) == summary(path, shape)
+            assert len(set(bonds)) == len(bonds), "a bond was crossed twice"
+            seen_saddle += len({(x % shape[0], y % shape[1]) for x, y in path}) < len(path) - 1
+            seen_winding += bool(loops.winding[k].any())
+    assert seen_saddle > 100
+    assert seen_winding > 100
+
+
+def ensemble(loops):
+    """The loops as a sorted list, whatever their order."""
+    return sorted(row(loops, k) + (float(loops.level[k]),) for k in range(len(loops)))
+
+
+def all_starts(h):
+    """The loop through every plaquette that is no saddle at its own level: a set without chance."""
+    maps = Maps(h[None], None, 0, ())
+    board = trace_module._board(maps, False)
+    level = board.means[0].ravel()
+    x, y = np.divmod(np.arange(h.size), h.shape[1])
+    sites = trace_module._corner_sites(np.arange(h.size), h.shape)
+    above = h.ravel()[sites] > level[:, None]
+    enter = np.roll(above, 1, 1) & ~above
+    plain = enter.sum(1) == 1
+    x, y, level, enter = x[plain], y[plain], level[plain], enter[plain]
+    starts = trace_module._Starts(np.zeros_like(x), x, y, enter.argmax(1), level, level, 0)
+    found = trace_module._walk(board, starts, np.arange(len(x)), None, 1)
+    return x, y, np.column_stack([found.length, found.radius, found.area, found.winding])
+
+
+@given(st.integers(4, 20), st.integers(4, 20), st.integers(0, 2**32 - 1))
+@settings(max_examples=40, deadline=None)
+def test_symmetries_are_exact(lx, ly, seed):
+    h = np.random.default_rng(seed).standard_normal((lx, ly))
+    x, y, loops = all_starts(h)
+    table = dict(zip(zip(x.tolist(), y.tolist(), strict=True), loops.tolist(), strict=True))
+
+    def compare(other, place, change):
+        px, py, found = all_starts(other)
+        moved = {
+            (int(a), int(b)): change(v)
+            for a, b, v in zip(*place(px, py), found.tolist(), strict=True)
+        }
+        assert moved == table
+
+    # h -> -h: the same loops walked backwards around pits instead of hills
+    compare(-h, lambda x, y: (x, y), lambda v: [v[0], v[1], -v[2], -v[3], -v[4]])
+    compare(np.roll(h, (3, -2), (0, 1)), lambda x, y: ((x - 3) % lx, (y + 2) % ly), lambda v: v)
+    # transposition is a reflection: with the hill kept on the left, windings change sides and sign
+    compare(h.T, lambda x, y: (y, x), lambda v: [v[0], v[1], v[2], -v[4], -v[3]])
+    # rot90(h, -1)[i, j] = h[lx - 1 - j, i]: a vector (dx, dy) becomes (dy, -dx)
+    compare(
+        np.rot90(h, -1),
+        lambda x, y: ((lx - 2 - y) % lx, x),
+        lambda v: [v[0], v[1], v[2], -v[4], v[3]],
+    )
+
+
+def test_a_single_hill_and_a_single_pit():
+    h = np.zeros((6, 7)) + np.arange(42).reshape(6, 7) * 1e-3
+    for sign in (1, -1):
+        bump = h.copy()
+        bump[2, 3] = 10.0 * sign
+        loops = trace_loops(bump, 300, rng=0)
+        around = np.abs(loops.level) > 1
+        assert around.sum() > 5
+        assert set(loops.length[around]) == {4}
+        assert set(loops.radius[around]) == {1}
+        assert set(loops.area[around]) == {sign}
+
+
+def test_same_loops_whatever_the_batch(monkeypatch):
+    h = np.random.default_rng(0).standard_normal((7, 33, 40))
+    whole = trace_loops(h, 50, rng=3, correlation=True)
+    integers = np.round(3 * h).astype(int)
+    dithered = trace_loops(integers, 50, rng=3)
+    as_list = trace_loops(list(h), 50, rng=3)
+    monkeypatch.setattr(trace_module, "SITES_AT_ONCE", 3000)
+    monkeypatch.setattr(trace_module, "WALKERS_AT_ONCE", 17)
+    pieces = trace_loops(h, 50, rng=3, correlation=True)
+    for name in ("length", "radius", "area", "winding", "surface", "level", "pairs"):
+        np.testing.assert_array_equal(getattr(whole, name), getattr(pieces, name))
+    np.testing.assert_array_equal(whole.length, as_list.length)
+    np.testing.assert_array_equal(dithered.length, trace_loops(integers, 50, rng=3).length)
+    assert not np.array_equal(whole.length, trace_loops(h, 50, rng=4).length)
+
+
+def test_pairs_are_those_of_the_closed_loops_unwrapped():
+    h = np.random.default_rng(1).standard_normal((14, 11))
+    h = h + np.roll(h, 1, 0) + np.roll(h, 1, 1)
+    loops, starts = traced(h, 200, 7, correlation=True)
+    assert loops.winding.any(), "the test must see loops whose points are taken back"
+    expected = np.zeros(14, int)
+    for k in np.flatnonzero(loops.closed):
+        path, _ = scalar_loop(h, starts.level[k], starts.x[k], starts.y[k], starts.direction[k])
+        away = np.hypot(*(np.array(path[1:-1]) - path[0]).T)
+        expected += np.bincount(away.astype(int)[(away >= 1) & (away < 14)], minlength=14)
+    np.testing.assert_array_equal(loops.pairs[0], expected)
+
+
+def test_the_coin_at_a_saddle_is_fair():
+    # Starts at a saddle must leave heights and minus heights alike: equal hills and pits.
+    h = np.random.default_rng(2).standard_normal((40, 64, 64))
+    loops, starts = traced(h[0], 20000, 0)
+    saddle = starts.level != starts.mean
+    share = np.mean(saddle)  # half of all starts, by the coin that any start tosses
+    assert abs(share - 0.5) < 5 * 0.5 / np.sqrt(20000)
+    many = trace_loops(h, 500, rng=1)
+    hills = np.array([np.mean(many.area[many.surface == k] > 0) for k in range(40)])
+    # 5 standard errors of the share of hills over surfaces
+    assert abs(hills.mean() - 0.5) < 5 * hills.std(ddof=1) / np.sqrt(40)
+
+
+def test_open_maps_and_masks_set_loops_aside():
+    rng = np.random.default_rng(3)
+    big = rng.standard_normal((60, 60))
+    big = sum(np.roll(big, (i, j), (0, 1)) for i in range(4) for j in range(4))
+    h = big[10:42, 5:40]
+    loops = trace_loops(h, 400, rng=0, boundary="open")
+    assert 0 < loops.share_open < 1
+    assert not loops.winding.any()
+    assert np.all(loops.area[loops.is_open] == 0)
+    # a mask on a periodic map and an open map see the same closed loops
+    mask = np.zeros((60, 60), bool)
+    mask[10:42, 5:40] = True
+    masked = trace_loops(big, 400, rng=0, mask=mask)
+    np.testing.assert_array_equal(masked.is_open, loops.is_open)
+    for name in ("length", "radius", "area", "level"):
+        values = getattr(loops, name)[loops.closed], getattr(masked, name)[loops.closed]
+        np.testing.assert_array_equal(*values)
+    with_gaps = np.where(mask, big, np.nan)
+    np.testing.assert_array_equal(
+        trace_loops(with_gaps, 400, rng=0, mask=mask).length, masked.length
+    )
+
+
+@pytest.mark.parametrize("dtype", [np.int32, np.float64])
+def test_whole_number_heights_are_dithered_and_said_so(dtype):
+    h = np.random.default_rng(0).integers(0, 4, (16, 16)).astype(dtype)
+    loops = trace_loops(h, 100, rng=0)
+    assert "dithered" in repr(loops)
+    assert np.all(loops.length % 2 == 0)
+    assert np.all(loops.length >= 4)
+    # levels are means of four whole numbers, up to the dither
+    assert np.max(np.abs(4 * loops.level - np.round(4 * loops.level))) < 0.05
+    assert "dithered" not in repr(trace_loops(h + 0.5 * np.eye(16), 100, rng=0))
+
+
+def test_starts_where_heights_coincide_are_drawn_again():
+    h = np.random.default_rng(0).standard_normal((12, 12))
+    h[:8] = 0.25  # two thirds of the plaquettes are flat
+    loops = trace_loops(h, 60, rng=0)
+    assert loops.redrawn > 50
+    assert "redrawn" in repr(loops)
+    flat = np.zeros((400, 400))
+    flat[0, 0] = 0.25
+    flat[0, 1] = 0.5
+    with pytest.raises(ValueError, match="no contour found through .* nearly all its heights"):
+        trace_loops(flat, 400, rng=0)
+
+
+def test_a_generator_is_used_up_and_an_integer_is_not():
+    h = np.random.default_rng(0).standard_normal((16, 16))
+    rng = np.random.default_rng(1)
+    first, second = trace_loops(h, 40, rng=rng), trace_loops(h, 40, rng=rng)
+    assert not np.array_equal(first.level, second.level)
+    again = trace_loops(h, 40, rng=np.random.default_rng(1))
+    np.testing.assert_array_equal(first.level, again.level)
+
+
+def test_jax_arrays_are_taken():
+    import jax
+
+    h = jax.random.normal(jax.random.key(0), (2, 16, 16))
+    np.testing.assert_array_equal(
+        trace_loops(h, 30, rng=0).length, trace_loops(np.asarray(h), 30, rng=0).length
+    )
+
+
+def test_loops_join_and_select():
+    h = np.random.default_rng(0).standard_normal((4, 16, 16))
+    first, second = trace_loops(h[:2], 30, rng=0), trace_loops(h[2:], 30, rng=1)
+    both = Loops.join([first, second])
+    assert both.surfaces == 4
+    assert set(both.surface) == {0, 1, 2, 3}
+    np.testing.assert_array_equal(both.select(both.surface >= 2).length, second.length)
+    with pytest.raises(ValueError, match="share shape"):
+        Loops.join([first, trace_loops(h[:, :8], 3, rng=0)])
+    with pytest.raises(ValueError, match="must not be empty"):
+        Loops.join([])
+    assert "<table>" in first._repr_html_()
+
+
+HEIGHTS = np.random.default_rng(0).standard_normal((2, 8, 8))
+
+
+@pytest.mark.parametrize(
+    ("change", "error", "message"),
+    [
+        ({"heights": np.where(HEIGHTS > 2, np.nan, HEIGHTS)}, ValueError, "finite; got .* NaN"),
+        (
+            {"heights": np.where(HEIGHTS > 2, np.inf, HEIGHTS)},
+            ValueError,
+            "finite; got .* infinite",
+        ),
+        ({"heights": HEIGHTS + 1j}, TypeError, "real numbers; got dtype complex128"),
+        ({"heights": HEIGHTS[0, 0]}, ValueError, r"map \[x, y\].*got shape \(8,\)"),
+        ({"heights": HEIGHTS[None]}, ValueError, r"got shape \(1, 2, 8, 8\)"),
+        ({"heights": HEIGHTS[:, :3]}, ValueError, r"at least 4 x 4 sites; got shape \(2, 3, 8\)"),
+        ({"heights": 0 * HEIGHTS}, ValueError, "constant heights in surface 0"),
+        ({"heights": []}, ValueError, "at least one map; got none"),
+        ({"heights": 3.0}, TypeError, "must be an array; got float"),
+        ({"heights": [[1.0, 2.0]]}, TypeError, "must be an array or hold arrays"),
+        (
+            {"heights": [HEIGHTS[0], HEIGHTS[0, :6]]},
+            ValueError,
+            r"one shape; got \(8, 8\) and then",
+        ),
+        ({"points": 0}, ValueError, "points must be at least 1; got 0"),
+        ({"points": -3}, ValueError, "points must be at least 1; got -3"),
+        ({"points": 2.5}, TypeError, "points must be an integer; got 2.5"),
+        ({"rng": 0.5}, TypeError, "rng must be a numpy.random.Generator or an integer"),
+        ({"rng": -1}, TypeError, "rng must be"),
+        ({"boundary": "free"}, ValueError, "boundary must be one of .*got 'free'"),
+        ({"spacing": 0.0}, ValueError, "spacing must be positive and finite; got 0.0"),
+        ({"mask": np.ones((8, 8))}, TypeError, "mask must be boolean"),
+        ({"mask": np.ones((8, 7), bool)}, ValueError, "mask must have the shape"),
+        ({"mask": np.zeros((8, 8), bool)}, ValueError, "leave at least one plaquette"),
+    ],
+)
+@pytest.mark.usefixtures("as_a_user")
+def test_misuse_says_value_rule_and_remedy(change, error, message):
+    arguments = {"heights": HEIGHTS, "points": 5, "rng": 0} | change
+    with pytest.raises(error, match=message):
+        trace_loops(**arguments)

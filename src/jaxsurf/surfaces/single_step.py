@@ -218,10 +218,10 @@ def run_single_step(
     check_key(key)
     total = check_integer("sweeps", sweeps, low=1, remedy="Pass how long to grow.")
     times = _snapshot_times(snapshots, total)
-    waits = np.diff(times, prepend=0).astype(np.int32)
-    rest = np.asarray(total - (times[-1] if len(times) else 0), np.int32)
-    state, kept = _run(key, state, waits, rest, observe)
-    return state, (kept if len(times) else None)
+    waits = np.diff(times, prepend=0, append=total).astype(np.int32)
+    state, kept = _run(key, state, waits, observe)
+    # The last stretch only leads to the end of the run.
+    return state, (jax.tree.map(lambda x: x[:-1], kept) if len(times) else None)
 
 
 def grow_single_step(
@@ -302,25 +302,22 @@ def _sweep(keys, lattice, p, number, scheme):
 
 
 @eqx.filter_jit
-def _run(key, state, waits, rest, observe):
+def _run(key, state, waits, observe):
     keys = _surface_keys(key, state.p_plus.shape)
     lattice, p = _to_lattice(state)
 
-    def grow(carry, sweeps):
+    def grow_and_look(carry, sweeps):
         lattice, number = carry
 
         def sweep(i, now):
             return _sweep(keys, now, p, number + i, state.scheme)
 
-        return jax.lax.fori_loop(0, sweeps, sweep, lattice), number + sweeps
-
-    def grow_and_look(carry, sweeps):
-        carry = grow(carry, sweeps)
-        heights = _from_lattice(state, *carry).heights
-        return carry, heights if observe is None else observe(heights)
+        lattice = jax.lax.fori_loop(0, sweeps, sweep, lattice)
+        heights = _from_lattice(state, lattice, number).heights
+        return (lattice, number + sweeps), heights if observe is None else observe(heights)
 
     carry, kept = jax.lax.scan(grow_and_look, (lattice, state.sweeps), jnp.asarray(waits))
-    return _from_lattice(state, *grow(carry, rest)), kept
+    return _from_lattice(state, *carry), kept
 
 
 def _snapshot_times(snapshots: int | Iterable[int] | None, total: int) -> Int[np.ndarray, " time"]:

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 from cyclopts import App, Parameter
+from rich import box
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.table import Table
@@ -99,8 +100,9 @@ def table1(
         )
     console.print(_table1_view(table))
     console.print(
-        f"Errors are statistical ± systematic (window). "
-        f"{time.perf_counter() - started:.0f} s; tables and pictures are in [bold]{output}[/].",
+        "Errors are statistical ± systematic (window); the last column is the distance from the "
+        f"paper in combined standard errors. {time.perf_counter() - started:.0f} s; "
+        f"tables and pictures are in [bold]{output}[/].",
         highlight=False,
     )
 
@@ -108,24 +110,32 @@ def table1(
 def _table1_view(table: Any) -> Table:
     from jaxsurf.analysis.table1 import EXPONENTS, name_of
 
+    settings = table.settings
     view = Table(
-        title=f"Table I, direct fits at L = {table.side}: "
-        f"{table.settings.surfaces} surfaces × {table.settings.points} points"
+        title=f"Table I, direct: L = {table.side}, {settings.surfaces} surfaces × "
+        f"{settings.points} points",
+        box=box.SIMPLE_HEAD,
+        pad_edge=False,
     )
     view.add_column("surface", no_wrap=True)
-    for name in EXPONENTS:
-        view.add_column(SYMBOLS[name], justify="right", no_wrap=True)
-        view.add_column("paper", justify="right", style="cyan", no_wrap=True)
-        view.add_column("theory", justify="right", style="green", no_wrap=True)
+    view.add_column("", no_wrap=True)
+    view.add_column("this run", justify="right", no_wrap=True)
+    view.add_column("paper", justify="right", style="cyan", no_wrap=True)
+    view.add_column("theory", justify="right", style="green", no_wrap=True)
+    view.add_column("apart", justify="right", style="dim", no_wrap=True)
     for row in table.rows:
-        cells = []
         for name in EXPONENTS:
             statistical, systematic = row.errors(name)
-            cells.append(f"{row.value(name):.3f} ± {statistical:.3f} ± {systematic:.3f}")
             quoted = row.paper.get(name)
-            cells.append(f"{quoted[0]:g} ± {quoted[1]:g}" if quoted else "")
-            cells.append(f"{row.theory[name]:.3f}")
-        view.add_row(name_of(row.alpha), *cells)
+            view.add_row(
+                name_of(row.alpha) if name == next(iter(EXPONENTS)) else "",
+                SYMBOLS[name],
+                f"{row.value(name):.3f} ± {statistical:.3f} ± {systematic:.3f}",
+                f"{quoted[0]:g} ± {quoted[1]:g}" if quoted else "",
+                f"{row.theory[name]:.3f}",
+                f"{row.pull(name):+.1f} σ" if quoted else "",
+                end_section=name == list(EXPONENTS)[-1],
+            )
     return view
 
 
@@ -188,7 +198,8 @@ def measure(
                 **{f"{n}.png": _saver(f) for n, f in measure_figures(measurement).items()},
             },
         )
-    view = Table(title=repr(measurement.surface), title_justify="left")
+    console.print(repr(measurement.surface), highlight=False)
+    view = Table(box=box.SIMPLE_HEAD, pad_edge=False)
     for heading in ("measure", "slope", "window", "α"):
         view.add_column(heading, justify="left" if heading == "measure" else "right")
     for name, road in measurement.roads.items():
@@ -197,8 +208,8 @@ def measure(
         view.add_row(
             name,
             f"{road.slope[0]:.3f}",
-            f"{low:.3g} – {high:.3g} {scale_unit}",
-            f"{road.alpha[0]:.3f} ± {road.alpha[1]:.3f} ± {road.alpha[2]:.3f}",
+            f"{low:.3g}–{high:.3g} {scale_unit}",
+            f"{road.alpha[0]:.2f} ± {road.alpha[1]:.2f} ± {road.alpha[2]:.2f}",
         )
     console.print(view)
     for note in measurement.notes:

@@ -1,8 +1,8 @@
 """One real map by four roads: alpha from the spectrum, the curvature, and two loop measures.
 
-The map has edges, so nothing wraps around: the spectrum is levelled and windowed, curvatures use the
-pairs that exist, and loops that leave the map are set aside. One map is one sample; what its four
-quarters say apart is the only honest measure of how far another map of the same surface might
+The map has edges, so nothing wraps around: the spectrum is levelled and windowed, curvatures use
+the pairs that exist, and loops that leave the map are set aside. One map is one sample; what its
+four quarters say apart is the only honest measure of how far another map of the same surface might
 differ, so each statistical error is the scatter between quarters, halved.
 """
 
@@ -114,7 +114,7 @@ def measure_map(surface: HeightMap, *, points: int = 1000, seed: int = 0) -> Map
     check_integer("points", points, low=1, remedy="The paper traces 1000 loops on its image.")
     if min(surface.heights.shape) < 32:
         raise ValueError(
-            "a map to measure must have at least 32 x 32 sites, so that its quarters can be fitted; "
+            "a map to measure must have at least 32 x 32 sites, or its quarters cannot be fitted; "
             f"got {surface.heights.shape}. Pass a larger map."
         )
     levelled = level(surface)

@@ -10,6 +10,13 @@ from jaxsurf.analysis.measure import ROADS, MapMeasurement
 from jaxsurf.io.heightmap import HeightMap
 from jaxsurf.report.pictures import new_figure, plot_contours, plot_curves
 
+TITLES = {
+    "spectrum": "Spectrum",
+    "curvature variance": "Curvature variance",
+    "loop dimension D_f": "Mean loop length",
+    "loop lengths tau-2": "Cumulative length distribution",
+}
+
 
 def measure_figures(measurement: MapMeasurement) -> dict[str, Figure]:
     """File name -> figure: the map with contour loops, and the four curves with their fits."""
@@ -33,14 +40,14 @@ def measure_figures(measurement: MapMeasurement) -> dict[str, Figure]:
             {words: measurement.curves[kind]},
             {words: road.fit},
             axes=panels.add_subplot(2, 2, i + 1),
-            title=name,
+            title=TITLES[name],
         )
     figures["curves"] = panels
     return figures
 
 
 def demo_map() -> HeightMap:
-    """matplotlib's sample landscape, the Jacksboro fault, by its metres and arc seconds."""
+    """The sample landscape that comes with matplotlib: the Jacksboro fault, in metres."""
     path = Path(cbook.get_sample_data("jacksboro_fault_dem.npz", asfileobj=False))
     with np.load(path, allow_pickle=False) as archive:
         elevation = archive["elevation"].astype(float)

@@ -4,6 +4,7 @@ Figures are plain `matplotlib.figure.Figure` objects: no window opens, no global
 a notebook with `%matplotlib inline` shows what a function returns.
 """
 
+import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -25,8 +26,9 @@ def new_figure(width: float = 5.2, height: float = 4.0) -> Figure:
 
 
 def label(symbol: str, unit: str) -> str:
-    """An axis label with its unit: "$r$ [sites]"; a pure number has none."""
-    return symbol if unit in ("", "1") else f"{symbol} [{unit}]"
+    """An axis label with its unit: "$r$ [sites]", powers raised; a pure number has none."""
+    raised = re.sub(r"\^(-?[\d.]+)", r"$^{\1}$", unit)
+    return symbol if unit in ("", "1") else f"{symbol} [{raised}]"
 
 
 def plot_curves(
@@ -87,7 +89,9 @@ def describe_axes(axes: Axes, curve: Curve) -> None:
     """Label the axes with a curve's symbols and units."""
     symbols = SYMBOLS.get(curve.kind, ("scale", curve.kind))
     axes.set_xlabel(label(symbols[0], curve.units[0]))
-    axes.set_ylabel(label(symbols[1], curve.units[1]))
+    order = curve.detail("order")
+    value = symbols[1] if order is None else symbols[1].replace("^q", f"^{{{order}}}")
+    axes.set_ylabel(label(value, curve.units[1]))
     axes.tick_params(labelsize=8, which="both", direction="in", top=True, right=True)
 
 
@@ -146,7 +150,13 @@ def plot_contours(
         bar.set_label(label("$h$", height_unit), fontsize=8)
         bar.ax.tick_params(labelsize=7)
     axes.contour(
-        x, y, values.T, levels=levels, linewidths=0.35, colors=COLORS[1] if shaded else "black"
+        x,
+        y,
+        values.T,
+        levels=levels,
+        linewidths=0.4,
+        linestyles="solid",
+        colors=COLORS[1] if shaded else "black",
     )
     axes.set_aspect("equal")
     axes.set_xlabel(label("$x$", unit))

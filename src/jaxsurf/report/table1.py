@@ -1,4 +1,4 @@
-"""Pictures of Table I: the contour plot and the three loop measures, like the paper's Figs. 3, 5-7."""
+"""Pictures of Table I: the contour plot and the three loop measures, like the paper's figures."""
 
 from matplotlib.figure import Figure
 
@@ -18,7 +18,9 @@ def table1_figures(table: Table1) -> dict[str, Figure]:
     files = {"D_f": "mean_length", "tau-2": "length_tail", "2x_l": "loop_correlation"}
     figures = {
         "contours": plot_contours(
-            table.example, title=f"Contour loops, {name_of(table.example_alpha)}, L = {side}"
+            table.example,
+            levels=3,
+            title=f"Contour loops, {name_of(table.example_alpha)}, L = {side}",
         )
     }
     for name, file in files.items():
@@ -35,7 +37,7 @@ def table1_figures(table: Table1) -> dict[str, Figure]:
 
 
 def exponents_figure(table: Table1) -> Figure:
-    """The measured exponents, the paper's and the theory's against alpha, like the paper's Fig. 10."""
+    """Measured exponents, the paper's and the theory's against alpha (the paper's Fig. Dfzeta)."""
     figure = new_figure(7.2, 2.9)
     rows = [row for row in table.rows if row.alpha != WHITE_NOISE]
     labels = {"2x_l": r"$2x_l$", "D_f": r"$D_f$", "tau-2": r"$\tau - 2$"}

@@ -12,7 +12,6 @@ from typing import Any
 
 import numpy as np
 from jaxtyping import Float
-from scipy.special import chdtrc
 
 
 @dataclass(frozen=True, repr=False)
@@ -56,6 +55,8 @@ class Fit:
     @property
     def p_value(self) -> float:
         """Chance of a chi2 at least this large if the model holds; 1 without degrees of freedom."""
+        from scipy.special import chdtrc  # a fifth of a second that `import jaxsurf` can spare
+
         return float(chdtrc(self.dof, self.chi2)) if self.dof > 0 else 1.0
 
     def total_error(self, name: str) -> float:

@@ -4,6 +4,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from jaxsurf.loops import trace as trace_module
+from jaxsurf.loops import walk as walk_module
 from jaxsurf.loops.loops import Loops
 from jaxsurf.loops.maps import Maps
 from jaxsurf.loops.trace import trace_loops
@@ -67,9 +68,7 @@ def summary(path, shape):
 def traced(h, points, rng, **options):
     """The loops of one map together with where they started."""
     seed = trace_module.seed_of(rng)
-    maps = Maps(h[None], None, 0, ())
-    board = trace_module._board(maps, False)
-    starts = trace_module._starts(maps, board, points, seed)
+    starts, _, _ = trace_module._draw_starts(Maps(h[None], None, h.shape, 0, ()), points, seed)
     return trace_loops(h, points, rng=rng, **options), starts
 
 
@@ -113,17 +112,14 @@ def ensemble(loops):
 
 def all_starts(h):
     """The loop through every plaquette that is no saddle at its own level: a set without chance."""
-    maps = Maps(h[None], None, 0, ())
-    board = trace_module._board(maps, False)
-    level = board.means[0].ravel()
     x, y = np.divmod(np.arange(h.size), h.shape[1])
-    sites = trace_module._corner_sites(np.arange(h.size), h.shape)
-    above = h.ravel()[sites] > level[:, None]
-    enter = np.roll(above, 1, 1) & ~above
-    plain = enter.sum(1) == 1
-    x, y, level, enter = x[plain], y[plain], level[plain], enter[plain]
-    starts = trace_module._Starts(np.zeros_like(x), x, y, enter.argmax(1), level, level, 0)
-    found = trace_module._walk(board, starts, np.arange(len(x)), None, 1)
+    around = h.ravel()[trace_module._corner_sites(np.arange(h.size), *h.shape)]
+    level = walk_module.mean_height(*around)
+    enter = np.roll(around > level, 1, 0) & (around <= level)
+    plain = enter.sum(0) == 1
+    x, y, level, enter = x[plain], y[plain], level[plain], enter[:, plain]
+    starts = walk_module.Starts(np.zeros_like(x), x, y, enter.argmax(0), level)
+    found = walk_module.walk(walk_module.lay_out(h[None], None), starts, np.arange(len(x)), None, 1)
     return x, y, np.column_stack([found.length, found.radius, found.area, found.winding])
 
 
@@ -175,7 +171,7 @@ def test_same_loops_whatever_the_batch(monkeypatch):
     dithered = trace_loops(integers, 50, rng=3)
     as_list = trace_loops(list(h), 50, rng=3)
     monkeypatch.setattr(trace_module, "SITES_AT_ONCE", 3000)
-    monkeypatch.setattr(trace_module, "WALKERS_AT_ONCE", 17)
+    monkeypatch.setattr(walk_module, "WALKERS_AT_ONCE", 17)
     pieces = trace_loops(h, 50, rng=3, correlation=True)
     for name in ("length", "radius", "area", "winding", "surface", "level", "pairs"):
         np.testing.assert_array_equal(getattr(whole, name), getattr(pieces, name))
@@ -201,8 +197,7 @@ def test_the_coin_at_a_saddle_is_fair():
     # Starts at a saddle must leave heights and minus heights alike: equal hills and pits.
     h = np.random.default_rng(2).standard_normal((40, 64, 64))
     loops, starts = traced(h[0], 20000, 0)
-    saddle = starts.level != starts.mean
-    share = np.mean(saddle)  # half of all starts, by the coin that any start tosses
+    share = np.mean(starts.level != loops.level)  # any start tosses the coin
     assert abs(share - 0.5) < 5 * 0.5 / np.sqrt(20000)
     many = trace_loops(h, 500, rng=1)
     hills = np.array([np.mean(many.area[many.surface == k] > 0) for k in range(40)])

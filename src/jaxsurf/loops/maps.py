@@ -24,20 +24,24 @@ DITHER = 1e-3  # standard deviation of the dither over the step of the heights
 class Maps:
     """A batch of maps ready for contouring.
 
+    An open map gets a rim of one invalid row and column and is periodic from then on.
+
     Attributes:
-        heights: `[surface, x, y]`, float32 or float64, dithered if need be.
+        heights: `[surface, x, y]`, float32 or float64, dithered if need be; -inf where invalid.
         valid: which sites may be used, or None for all.
+        shape: sites of a map, without the rim.
         first: the number of the first surface of the batch among all surfaces.
         notes: what was done to the heights, in words.
     """
 
     heights: Float[np.ndarray, "surface x y"]
     valid: Bool[np.ndarray, "surface x y"] | None
+    shape: tuple[int, int]
     first: int
     notes: tuple[str, ...]
 
 
-def batches(heights: Any, mask: Any, seed: int, limit: int) -> Iterator[Maps]:
+def batches(heights: Any, mask: Any, seed: int, boundary: str, limit: int) -> Iterator[Maps]:
     """Split maps into batches of at most `limit` sites (one map at least), checked and dithered.
 
     Arguments:
@@ -45,6 +49,7 @@ def batches(heights: Any, mask: Any, seed: int, limit: int) -> Iterator[Maps]:
             read one array at a time.
         mask: None, or boolean, true on valid sites, of the shape of one map or of all of them.
         seed: what the dither is drawn from; surface k gets the same draw in any batch.
+        boundary: "periodic" or "open".
         limit: sites in a batch.
     """
     dither = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(0,)))
@@ -63,12 +68,19 @@ def batches(heights: Any, mask: Any, seed: int, limit: int) -> Iterator[Maps]:
             valid = _checked_mask(mask, part.shape, first)
             _check_finite(part, valid, first)
             heights_, notes = _dithered(part, dither)
-            yield Maps(heights_, valid, first, notes)
+            heights_, valid = _closed_off(heights_, valid, boundary == "open")
+            yield Maps(heights_, valid, (side[0], side[1]), first, notes)
             first += len(part)
     if side is None:
         raise ValueError(
             "heights must hold at least one map; got none. Pass [x, y] or [surface, x, y]."
         )
+
+
+def whole_plaquettes(valid: Bool[np.ndarray, "surface x y"]) -> Bool[np.ndarray, "surface x y"]:
+    """Which plaquettes of periodic maps have four valid sites."""
+    pair = valid & np.roll(valid, -1, 1)
+    return pair & np.roll(pair, -1, 2)
 
 
 def check_choice(name: str, value: Any, choices: Iterable[str]) -> None:
@@ -175,6 +187,19 @@ def _checked_mask(mask: Any, shape: tuple[int, ...], first: int) -> np.ndarray |
             f"{first + int(np.argmin(usable))}. Leave that surface out, or mask less."
         )
     return part
+
+
+def _closed_off(
+    heights: np.ndarray, valid: np.ndarray | None, is_open: bool
+) -> tuple[np.ndarray, np.ndarray | None]:
+    if valid is None and not is_open:
+        return heights, None
+    if valid is None:
+        valid = np.ones(heights.shape, bool)
+    if is_open:
+        rim = ((0, 0), (0, 1), (0, 1))
+        heights, valid = np.pad(heights, rim), np.pad(valid, rim)
+    return np.where(valid, heights, -np.inf), valid
 
 
 def _check_finite(heights: np.ndarray, valid: np.ndarray | None, first: int) -> None:

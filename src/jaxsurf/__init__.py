@@ -18,6 +18,8 @@ from jaxsurf.measures.curvature import curvature_moment as curvature_moment
 from jaxsurf.measures.fourier import directional_spectrum as directional_spectrum
 from jaxsurf.measures.fourier import power_spectrum as power_spectrum
 from jaxsurf.surfaces.gaussian import sample as sample
+from jaxsurf.surfaces.linear_growth import LinearGrowth as LinearGrowth
+from jaxsurf.surfaces.linear_growth import grow_linear as grow_linear
 from jaxsurf.surfaces.single_step import SingleStep as SingleStep
 from jaxsurf.surfaces.single_step import grow_single_step as grow_single_step
 from jaxsurf.surfaces.single_step import init_single_step as init_single_step

@@ -8,14 +8,16 @@ from collections.abc import Iterable
 from typing import Any
 
 import jax
+import jax.numpy as jnp
 import numpy as np
+from jax.core import Tracer
 
 SMALLEST_SIDE = 4
 
 
 def is_traced(value: Any) -> bool:
     """Whether a value is abstract, so that only its shape and dtype can be read."""
-    return isinstance(value, jax.core.Tracer)
+    return isinstance(value, Tracer)
 
 
 def check_in_range(
@@ -83,7 +85,7 @@ def check_spacing(spacing: Any) -> None:
 
 def check_key(key: Any) -> None:
     """Raise unless `key` is a typed JAX random key."""
-    if not (hasattr(key, "dtype") and jax.dtypes.issubdtype(key.dtype, jax.dtypes.prng_key)):
+    if not (hasattr(key, "dtype") and jnp.issubdtype(key.dtype, jax.dtypes.prng_key)):
         what = f"an array of {key.dtype}" if hasattr(key, "dtype") else repr(key)
         raise TypeError(f"key must be a typed JAX key; got {what}. Make one by jax.random.key(0).")
 

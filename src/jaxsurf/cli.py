@@ -2,7 +2,7 @@
 
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated, Any
@@ -19,6 +19,7 @@ app = App(
     name="jaxsurf",
     help="How rough is a surface, and can the answer be believed?",
     version=__version__,
+    suppress_keyboard_interrupt=False,  # `main` says what an interruption left behind
 )
 console = Console()
 errors = Console(stderr=True)
@@ -26,10 +27,14 @@ errors = Console(stderr=True)
 SYMBOLS = {"2x_l": "2xₗ", "D_f": "D_f", "tau-2": "τ−2"}
 
 
-def main() -> None:
-    """Run the command line; a user's mistake is one red line, an interruption another."""
+def main(words: Sequence[str] | None = None) -> None:
+    """Run the command line; a user's mistake is one red line, an interruption another.
+
+    Arguments:
+        words: the command and its options; those of the process if None.
+    """
     try:
-        app()
+        app(sys.argv[1:] if words is None else list(words))
     except KeyboardInterrupt:
         errors.print("[yellow]Interrupted: nothing was written, earlier results are untouched.[/]")
         sys.exit(130)
@@ -243,3 +248,7 @@ def _progress(title: str) -> Iterator[Callable[[float, str], None]]:
     with bar:
         task = bar.add_task("starting", total=1.0, title=title)
         yield lambda share, text: bar.update(task, completed=share, description=text)
+
+
+if __name__ == "__main__":
+    main()

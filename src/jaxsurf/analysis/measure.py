@@ -14,8 +14,9 @@ import numpy as np
 from jaxsurf import theory
 from jaxsurf._checks import check_heights, check_integer
 from jaxsurf.curve import Curve
+from jaxsurf.fitting._window import default_window
 from jaxsurf.fitting.fit import Fit
-from jaxsurf.fitting.power_law import fit_power_law
+from jaxsurf.fitting.power_law import FEWEST_POINTS, fit_power_law
 from jaxsurf.io.heightmap import HeightMap
 from jaxsurf.io.levelling import level
 from jaxsurf.loops.trace import trace_loops
@@ -98,7 +99,7 @@ def measure_map(surface: HeightMap, *, points: int = 1000, seed: int = 0) -> Map
     """Measure alpha of one map with edges by four independent roads.
 
     Arguments:
-        surface: at least 32 x 32 sites, missing ones left out; its plane is taken out first.
+        surface: at least 64 x 64 sites, missing ones left out; its plane is taken out first.
         points: starting points of loops on the whole map; its quarters get as many each.
         seed: of the starting points.
 
@@ -106,15 +107,15 @@ def measure_map(surface: HeightMap, *, points: int = 1000, seed: int = 0) -> Map
         The four estimates of alpha with their curves.
 
     Raises:
-        ValueError: a map smaller than 32 x 32, constant, or with too few valid sites.
+        ValueError: a map smaller than 64 x 64, constant, or with too few valid sites.
 
     Source: the paper's Sec. VII.
     """
     check_heights(surface.heights, mask=surface.valid)
     check_integer("points", points, low=1, remedy="The paper traces 1000 loops on its image.")
-    if min(surface.heights.shape) < 32:
+    if min(surface.heights.shape) < 64:
         raise ValueError(
-            "a map to measure must have at least 32 x 32 sites, or its quarters cannot be fitted; "
+            "a map to measure must have at least 64 x 64 sites, or its quarters cannot be fitted; "
             f"got {surface.heights.shape}. Pass a larger map."
         )
     levelled = level(surface)
@@ -122,20 +123,41 @@ def measure_map(surface: HeightMap, *, points: int = 1000, seed: int = 0) -> Map
     quarters = [_curves(level(part), points, seed)[0] for part in _quarters(surface)]
     roads = {}
     for name, (kind, to_alpha) in ROADS.items():
-        fit = fit_power_law(curves[kind])
-        window = fit.details["window"]
-        slopes = [_slope(quarter[kind], window) for quarter in quarters]
-        # four quarters make one map: its error is half their scatter
-        statistical = float(np.std(slopes, ddof=1) / 2)
+        fit = fit_power_law(curves[kind], window=_window(curves[kind]))
+        slopes = [
+            fit_power_law(part, window=fit.details["window"]).values["exponent"]
+            for part in (_fittable(quarter[kind], fit.details["window"]) for quarter in quarters)
+            if part is not None
+        ]
+        if len(slopes) == 4:  # four quarters make one map: its error is half their scatter
+            statistical = float(np.std(slopes, ddof=1) / 2)
+        else:
+            statistical = fit.stderr["exponent"]
+            notes += (
+                f"{name}: only {len(slopes)} of 4 quarters have enough points in the window; its "
+                "statistical error is that of the straight line, a lower bound",
+            )
         slope = (fit.values["exponent"], statistical, fit.systematic["exponent"])
         value, derivative = to_alpha(slope[0])
-        alpha = (float(value), *(float(derivative * error) for error in slope[1:]))
+        spread = abs(float(derivative))
+        alpha = (float(value), spread * slope[1], spread * slope[2])
         roads[name] = Road(slope, alpha, fit)
     return MapMeasurement(levelled, roads, curves, share_open, notes)
 
 
-def _slope(curve: Curve, window: tuple[float, float]) -> float:
-    return fit_power_law(curve, window=window).values["exponent"]
+def _window(curve: Curve) -> tuple[float, float]:
+    """The default window, ended where a small map has no loops left."""
+    low, high = default_window(curve)
+    measured = curve.present()
+    gone = np.asarray(measured.scale)[np.asarray(measured.mean) <= 0]
+    return low, min([high, *(gone[gone > low] * (1 - 1e-9))])
+
+
+def _fittable(curve: Curve, window: tuple[float, float]) -> Curve | None:
+    """The part of a quarter's curve inside the window; None if no line can be put through it."""
+    part = curve.window(*window)
+    positive = np.asarray(part.mean) > 0
+    return part if len(part.scale) >= FEWEST_POINTS and positive.all() else None
 
 
 def _curves(

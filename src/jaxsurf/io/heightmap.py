@@ -8,7 +8,7 @@ unit heights.
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Real
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,7 +30,7 @@ class HeightMap:
     HeightMap(4 x 6 sites of 0.5 nm, heights in 1)
     """
 
-    heights: Float[np.ndarray, "x y"]
+    heights: Real[np.ndarray, "x y"]
     spacing: float = 1.0
     length_unit: str = "sites"
     height_unit: str = "1"

@@ -81,10 +81,7 @@ def _as_map(
     array: np.ndarray, path: Path, spacing: float = 1.0, length: str = "sites", height: str = "1"
 ) -> HeightMap:
     try:
-        values = array if array.dtype.kind in "iu" else np.asarray(array, float)
-        if array.dtype.kind == "c":
-            raise TypeError(f"heights must be real numbers; got dtype {array.dtype}.")
-        return HeightMap(np.asarray(values), spacing, length, height, path.name)
+        return HeightMap(array, spacing, length, height, path.name)
     except (TypeError, ValueError) as error:
         raise ValueError(f"{path.name} does not hold a height map: {error}") from error
 

@@ -74,7 +74,8 @@ def plot_curves(
         )
         if fits and name in fits:
             fit = fits[name]
-            x = np.geomspace(*fit.details["window"], 50)
+            low, high = fit.details["window"]
+            x = np.geomspace(low, high, 50)
             y = shift * fit.values["amplitude"] * x ** fit.values["exponent"]
             axes.plot(x, y, "-", color=color, linewidth=1.2)
     axes.set_xscale("log")

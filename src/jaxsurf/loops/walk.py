@@ -19,7 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 
 WALKERS_AT_ONCE = 2048  # a block of their steps fits the cache
-BOARD_ENTRIES_AT_ONCE = 32_768  # plaquettes whose thresholds are worked out together, likewise
+PLAQUETTES_AT_ONCE = 8192  # plaquettes whose thresholds are worked out together, likewise
 
 # Directions 0 ... 3 are +x, +y, -x, -y. The corners of plaquette (i, j), counterclockwise, are
 # (i, j), (i+1, j), (i+1, j+1), (i, j+1). A walker moving in direction d has corner d behind it on
@@ -60,14 +60,13 @@ def lay_out(heights: np.ndarray, valid: np.ndarray | None) -> Board:
     column = np.arange(-margin, padded[1] - margin + 1) % shape[1]
     rows = heights.reshape(-1, shape[1])
     table = np.empty((len(near), padded[1], 4, 2), heights.dtype)
-    step = max(1, BOARD_ENTRIES_AT_ONCE // padded[1])
+    step = max(1, PLAQUETTES_AT_ONCE // padded[1])
     for start in range(0, len(near), step):
         part = slice(start, start + step)
         low, high = rows[near[part]][:, column], rows[far[part]][:, column]
-        corners = low[:, :-1], high[:, :-1], high[:, 1:], low[:, 1:]
+        corners = np.stack([low[:, :-1], high[:, :-1], high[:, 1:], low[:, 1:]])
         means = mean_height(*corners)
-        below = [np.minimum(h, means) for h in corners]
-        above = [np.maximum(h, means) for h in corners]
+        below, above = np.minimum(corners, means), np.maximum(corners, means)
         for d in range(4):
             left, right = (d + 2) % 4, (d + 1) % 4
             np.maximum(corners[left], below[right], out=table[part, :, d, 0])

@@ -40,10 +40,18 @@ def _departures(parameters: Array, data: tuple[Array, Array, Array]) -> Array:
     return weight * (y - parameters[0] - parameters[1] * x)
 
 
-def whole_and_halves(x: Points) -> Float[np.ndarray, "3 point"]:
-    """Masks of the whole window, its lower and its upper half, two points in each at least."""
-    middle = np.clip((x[0] + x[-1]) / 2, x[1], x[-2])
-    return np.stack([np.ones_like(x), 1.0 * (x <= middle), 1.0 * (x >= middle)])
+def sub_windows(x: Points) -> Float[np.ndarray, "6 point"]:
+    """Masks of the whole window, its lower, middle and upper half, and all but either end quarter.
+
+    Each holds two points at least: on a window of few points its nearest ones.
+    """
+    masks = []
+    for low, high in ((0, 1), (0, 1 / 2), (1 / 4, 3 / 4), (1 / 2, 1), (0, 3 / 4), (1 / 4, 1)):
+        share = (x - x[0]) / (x[-1] - x[0])
+        inside = (share >= low - 1e-9) & (share <= high + 1e-9)
+        inside[np.argsort(np.abs(share - (low + high) / 2), kind="stable")[:2]] = True
+        masks.append(1.0 * inside)
+    return np.stack(masks)
 
 
 def misfit(x: Points, y: Points, sigma: Points) -> float:

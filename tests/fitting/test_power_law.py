@@ -187,8 +187,9 @@ def test_global_settings_and_array_kind_do_not_matter():
     fits = [fit_power_law(rounded, window=EVERYTHING), fit_power_law(single, window=EVERYTHING)]
     with jax.enable_x64(True):
         fits.append(fit_power_law(rounded, window=EVERYTHING))
-    assert len({fit.values["exponent"] for fit in fits}) == 1
-    assert len({fit.stderr["exponent"] for fit in fits}) == 1
+    for fit in fits[1:]:  # float64 throughout, though a different order of summation may round
+        assert fit.values["exponent"] == pytest.approx(fits[0].values["exponent"], rel=1e-12)
+        assert fit.stderr["exponent"] == pytest.approx(fits[0].stderr["exponent"], rel=1e-9)
     assert jnp.zeros(()).dtype == jnp.float32  # and the caller's setting is as it was
 
 
@@ -290,7 +291,7 @@ def test_draws_that_lack_points_are_left_out_and_too_many_fail_openly():
     fit = fit_power_law(curve_of(line, weights=weights), window=EVERYTHING)
     assert 110 < fit.details["draws"] < 160
     assert fit.converged
-    weights[0, :3] = 0.0  # and now the others carry the lower ones alone
+    weights[0, :11] = 0.0  # and now another carries the lower half alone
     weights[2:] = 0.0
     fit = fit_power_law(curve_of(line, weights=weights), window=EVERYTHING)
     assert "bootstrap draws" in fit.status  # both must be drawn: 1 - 2 (5/6)^6 + (4/6)^6 = 42 %

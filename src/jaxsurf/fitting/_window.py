@@ -26,11 +26,11 @@ class _Rule:
 
 #: kind -> rule; other kinds measured at a separation have DEFAULT.
 RULES = {
-    "mean_length": _Rule(10, 0.2),  # the paper's 10 < R < 100 at L = 512
-    "length_tail": _Rule(20, 0.4, 4),  # steps: loops of radius near 5 sites to 0.1 L
-    "loop_correlation": _Rule(4, 0.08),
+    "mean_length": _Rule(10.0, 0.2),  # the paper's 10 < R < 100 at L = 512
+    "length_tail": _Rule(20.0, 0.4, 4.0),  # steps: loops of radius near 5 sites to 0.1 L
+    "loop_correlation": _Rule(4.0, 0.08),
 }
-DEFAULT = _Rule(4, 0.125)
+DEFAULT = _Rule(4.0, 0.125)
 
 
 def default_window(curve: Curve) -> tuple[float, float]:

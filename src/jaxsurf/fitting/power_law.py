@@ -33,7 +33,7 @@ WEIGHTINGS = ("errors", "equal")
 FEWEST_POINTS = 4
 FEWEST_DRAWS = 20
 NAMES = ("exponent", "amplitude")
-WHOLE = 0  # of the sub-windows
+WHOLE, HALVES = 0, (1, 3)  # of the sub-windows
 
 
 def fit_power_law(
@@ -59,7 +59,8 @@ def fit_power_law(
         `stderr` is the scatter over bootstrap draws of surfaces; of one surface alone, that of its
         points about the line, and a note says so. `systematic` is the largest departure
         of a sub-window's value from the whole window's. `chi2` is that of the best line given the
-        points' covariance over surfaces, shrunk (`details["shrinkage"]`), and without degrees of freedom below 3 surfaces.
+        points' covariance over surfaces, shrunk (`details["shrinkage"]`), and without degrees of
+        freedom below 3 surfaces.
 
     Raises:
         TypeError: something that is not one `Curve`.
@@ -92,13 +93,17 @@ def fit_power_law(
     counts = bootstrap_counts(part.surfaces, draws if part.surfaces > 1 else 0, rng)
     drawn, present = resampled_means(part, counts)
     present = present & (drawn > 0)
-    centre, determined = (
-        found[0] for found in _lines.fit_lines(x, y[None], _lines.sub_windows(x)[None] * weight)
+    # the sub-windows of the mean and the whole window of each draw, in one call of the solver
+    windows = _lines.sub_windows(x)
+    lines, determined = _lines.fit_lines(
+        x,
+        np.vstack([np.tile(y, (len(windows), 1)), np.log(np.where(present, drawn, 1.0))]),
+        (np.vstack([windows, present]) * weight)[:, None],
     )
-    redrawn, usable = _lines.fit_lines(
-        x, np.log(np.where(present, drawn, 1.0)), present[:, None] * weight
-    )
-    scatter = redrawn[usable]
+    centre, redrawn = np.split(lines[:, 0], [len(windows)])
+    determined, usable = np.split(determined[:, 0], [len(windows)])
+    spans = [(present * windows[half]).sum(1) >= 2 for half in HALVES]
+    scatter = redrawn[usable & np.all(spans, 0)]
     exponent, log_amplitude = centre[WHOLE]
     amplitude = np.exp(log_amplitude)
     if part.surfaces > 1:
@@ -170,7 +175,9 @@ def _goodness(
 
 
 def _in_float64(curve: Curve) -> Curve:
-    arrays = (np.asarray(a, float) for a in (curve.scale, curve.samples, curve.weights))
+    # in rows: a sum in another order differs in the last digit
+    parts = (curve.scale, curve.samples, curve.weights)
+    arrays = (np.array(part, float, order="C") for part in parts)
     return Curve(curve.kind, *arrays, units=curve.units, details=curve.details)
 
 
@@ -194,8 +201,8 @@ def _status(determined: bool, covariance: np.ndarray, used: int, drawn: int) -> 
         return "failed: the points do not determine a line. Widen the window."
     if used < drawn / 2:
         return (
-            f"failed: only {used} of {drawn} bootstrap draws of the surfaces have two points in the "
-            "window. Move the window to where more surfaces have samples."
+            f"failed: only {used} of {drawn} bootstrap draws of the surfaces have enough points in "
+            "both halves of the window. Move the window to where more surfaces have samples."
         )
     return CONVERGED
 

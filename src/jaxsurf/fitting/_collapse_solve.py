@@ -5,7 +5,7 @@ exponents the coefficients are linear and `project_out` removes them, so the sol
 three parameters whatever the number of knots.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
@@ -88,14 +88,14 @@ class CollapseProblem:
         with float64():
             return jax.tree.map(np.asarray, _solve(self, np.asarray(start), _padded(data)))
 
-    def solve_draws(
-        self, start: np.ndarray, data: Mapping[str, Any], draws: np.ndarray
+    def solve_all(
+        self, start: np.ndarray, problems: Iterable[Mapping[str, Any]]
     ) -> tuple[Float[np.ndarray, "draw parameter"], Bool[np.ndarray, " draw"]]:
-        """The best exponents of each row of `draws`, other values of ln y, and which succeeded.
+        """The best exponents of many data sets, and which succeeded.
 
         One after the other: each stops when it is done, and nothing more is compiled.
         """
-        found = [self.solve(start, {**data, "log_y": row}) for row in draws]
+        found = [self.solve(start, data) for data in problems]
         return np.stack([f.values for f in found]), np.array([bool(f.success) for f in found])
 
 

@@ -23,7 +23,7 @@ from jaxtyping import Bool, Float
 from jaxsurf._checks import check_choice, check_in_range, check_integer
 from jaxsurf.curve import Curve
 from jaxsurf.fitting import _collapse_solve as solver
-from jaxsurf.fitting._collapse_data import Stack, Window, stack_curves
+from jaxsurf.fitting._collapse_data import Stack, Window, stack_curves, systematic_errors
 from jaxsurf.fitting._collapse_solve import CORRECTIONS, SCALES, CollapseProblem
 from jaxsurf.fitting.collapse_forms import PRESETS, Ansatz, Transform
 from jaxsurf.fitting.collapse_quality import houdayer_hartmann
@@ -47,7 +47,7 @@ def fit_collapse(
     versus: str = "size",
     share_alpha: bool = False,
     coefficients: int | None = None,
-    bootstrap: int = 200,
+    draws: int = 200,
     rng: np.random.Generator | int = 0,
 ) -> Fit:
     r"""Collapse curves measured at several sizes, or times, onto one master curve.
@@ -68,7 +68,7 @@ def fit_collapse(
         versus: "size", or "time" for $t^{1/z}$ in place of L, with z fitted.
         share_alpha: tie the exponents of every measure to one alpha by theory.
         coefficients: of the spline of each measure, 6 or more; chosen from the data by default.
-        bootstrap: how many times surfaces are drawn again, 20 or more.
+        draws: how many times surfaces are drawn again, 20 or more.
         rng: a generator or a seed for the draws.
 
     Returns:
@@ -83,7 +83,7 @@ def fit_collapse(
     """
     measures = _measures(curves)
     check_choice("versus", versus, ("size", "time"))
-    check_integer("bootstrap", bootstrap, low=20, remedy="200 draws give errors to 5 %.")
+    check_integer("draws", draws, low=20, remedy="200 draws give errors to 5 %.")
     if correction is not None:
         check_choice("correction", correction, CORRECTIONS)
     if omega is not None:
@@ -108,8 +108,9 @@ def fit_collapse(
 
     data, found = _solve(problem, stack, whole, omega, begin)
     best = found.values
-    draws = stack.bootstrap(bootstrap, np.random.default_rng(rng))
-    refits, good = problem.solve_draws(best, data, draws)
+    slope = solver.slopes(problem, best, data)
+    stacks = stack.bootstrap(draws, np.random.default_rng(rng))
+    refits, good = problem.solve_all(best, (_data(drawn, whole, omega, slope) for drawn in stacks))
     statistical = np.atleast_2d(np.cov(refits[good].T)) if good.sum() > 1 else None
     variants = _variants(problem, stack, data, best, omega)
     sizes = sorted({float(size) for one in measures for size in one})
@@ -123,7 +124,7 @@ def fit_collapse(
         covariance=statistical,
         chi2=float(found.chi2),
         dof=int(len(stack.x) - len(best) - _linear_count(problem)),
-        systematic=_systematic(variants, tuple(values), best),
+        systematic=systematic_errors(variants, tuple(values), best),
         status=status,
         details={
             "kinds": tuple(next(iter(one.values())).kind for one in measures),
@@ -132,7 +133,7 @@ def fit_collapse(
             "coefficients": count,
             "correction": correction,
             "omega": omega if correction is not None else None,
-            "bootstrap": bootstrap,
+            "draws": draws,
             "draws_failed": int((~good).sum()),
             "variants": {
                 name: dict(zip(values, v.tolist(), strict=True)) for name, v, _ in variants
@@ -211,14 +212,17 @@ def _forms(
     return forms
 
 
-def _data(stack: Stack, use: Bool[np.ndarray, " point"], omega: float | None) -> dict[str, Any]:
+def _data(
+    stack: Stack, use: Bool[np.ndarray, " point"], omega: float | None, slope: Any = None
+) -> dict[str, Any]:
+    slope = np.ones(len(stack.x)) if slope is None else slope
     return {
         "log_y": stack.log_y,
         "scale": stack.x,
         "size": stack.size,
         "measure": stack.measure,
         "use": use,
-        "whitening": stack.whitening(use, np.ones(len(stack.x))),
+        "whitening": stack.whitening(use, slope),
         "omega": 1.0 if omega is None else float(omega),
         "smallest_scale": stack.x.min(),
         "smallest_size": stack.size.min(),
@@ -271,7 +275,7 @@ def _variants(
         choices.append(
             (f"without {sizes[0]:g}, {sizes[1]:g}", problem, stack.size > sizes[1], omega)
         )
-    position = _position(stack)
+    position = stack.position()
     choices.append(("upper 3/4 of scales", problem, position >= 0.25, omega))
     choices.append(("lower 3/4 of scales", problem, position <= 0.75, omega))
     if problem.correction and omega is not None:
@@ -287,28 +291,6 @@ def _variants(
             spread = np.diag(solver.covariance(changed, found.values, varied))
             results.append((name, found.values, np.clip(spread - own, 0.0, None)))
     return results
-
-
-def _position(stack: Stack) -> Float[np.ndarray, " point"]:
-    """Where each point stands in its curve: 0 at its smallest scale, 1 at its largest."""
-    position = np.zeros(len(stack.x))
-    for measure in np.unique(stack.measure):
-        for size in np.unique(stack.size):
-            rows = np.flatnonzero((stack.measure == measure) & (stack.size == size))
-            if len(rows):
-                log = np.log(stack.x[rows])
-                position[rows] = (log - log.min()) / np.ptp(log)
-    return position
-
-
-def _systematic(
-    variants: list[tuple[str, Any, Any]], names: tuple[str, ...], best: Any
-) -> dict[str, float]:
-    """Root mean square shift of the refits, less what chance alone would shift them by."""
-    if not variants:
-        return {}
-    excess = [np.clip((values - best) ** 2 - more, 0.0, None) for _, values, more in variants]
-    return dict(zip(names, np.sqrt(np.mean(excess, 0)).tolist(), strict=True))
 
 
 def _status(

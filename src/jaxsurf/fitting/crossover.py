@@ -1,0 +1,327 @@
+r"""The crossover from self-affine to percolation scaling, fitted through the knee.
+
+Up to a correlation length xi a surface is self-affine; beyond it heights are independent and
+contour loops are hulls of percolation clusters. Each measure follows one power of scale on either
+side, joined smoothly:
+
+$$y = A\, v^{p(\alpha)} \left[1 + (v/v_\xi)^n\right]^{(p_\infty - p(\alpha))/n},$$
+
+v the scale ($\pi/q$ for the spectrum, so that the knee of $S$ lies at $q = \pi/\xi$), p the
+exponent below the knee by theory, $p_\infty$ that of percolation (zero for S, $\langle C^2\rangle$
+and $D_2$), n the fitted sharpness. $v_\xi = \xi$, and for $P_>(s)$ the length of a loop of radius
+xi, $s_\xi = a\,\xi^{D_f}$, with a the amplitude of $\langle s\rangle(R)$ where that curve is fitted
+too and 1 where it is not. So xi is where the two straight lines meet; the lines of different
+measures meet at lengths that differ by factors of order one.
+
+Source: the paper's Eqs. (hcross), (scross), (perc_results) and Sec. V D.
+"""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from jaxsurf._checks import check_choice, check_in_range, check_integer
+from jaxsurf.curve import Curve
+from jaxsurf.fitting import _crossover_model as solver
+from jaxsurf.fitting._collapse_data import Stack, Window, stack_curves, systematic_errors
+from jaxsurf.fitting._crossover_model import BELOW, BEYOND, BLUNTEST, SHARPEST, CrossoverModel
+from jaxsurf.fitting._least_squares import Solution
+from jaxsurf.fitting.fit import Fit
+
+#: kind -> window in units of L (lengths R, b, r: low in sites, high in L); s and q follow.
+_LOW = {"mean_length": 5.0, "loop_correlation": 3.0}
+_HIGH = {"mean_length": 0.2, "loop_correlation": 0.1}
+
+
+def fit_crossover(
+    curves: Curve | Sequence[Curve],
+    *,
+    shared: Sequence[str] = ("alpha", "xi"),
+    beyond: str = "percolation",
+    sharpness: float | None = None,
+    window: Window = None,
+    start: Mapping[str, float] | None = None,
+    draws: int = 200,
+    rng: np.random.Generator | int = 0,
+) -> Fit:
+    r"""Roughness exponent and correlation length from curves that bend at the correlation length.
+
+    $$y = A\, v^{p(\alpha)} [1 + (v/v_\xi)^n]^{(p_\infty - p(\alpha))/n}$$
+
+    Arguments:
+        curves: a curve or several of one ensemble, at most one of a kind: spectrum,
+            curvature_moment, height_correlation and patch_moment (order 2), mean_length,
+            length_tail, loop_correlation. Curves with equally many rows are taken to come from the
+            same surfaces, and their covariance is kept.
+        shared: which of "alpha" and "xi" all curves have in common; the others are fitted for each,
+            as "xi[mean_length]".
+        beyond: "percolation" fixes the exponents above the knee by theory, "free" fits them, as
+            "beyond[mean_length]".
+        sharpness: n of every measure, or None to fit each, as "sharpness[mean_length]".
+        window: (low, high) in the scale's unit for a single curve, or a function (curve, size) ->
+            (low, high) with size 1; by default the scales between the lattice and the map's side.
+        start: starting values of "alpha" and "xi".
+        draws: how many times surfaces are drawn again, 20 or more.
+        rng: a generator or a seed for the draws.
+
+    Returns:
+        A `Fit` with "alpha", "xi" in the unit of length, and for each measure its amplitude and
+        sharpness. A sharpness at its limit is reported in the status.
+
+    Raises:
+        ValueError: two curves of a kind, a kind without a known crossover, curves of different
+            units of length, too few points or surfaces, starting values out of range.
+
+    Source: the paper's Eq. (scross) and Fig. 11.
+    """
+    given = _checked_curves(curves)
+    check_choice("beyond", beyond, ("percolation", "free"))
+    check_integer("draws", draws, low=20, remedy="200 draws give errors to 5 %.")
+    for name in shared:
+        check_choice("each of shared", name, ("alpha", "xi"))
+    if sharpness is not None:
+        check_in_range("sharpness", sharpness, BLUNTEST, SHARPEST, remedy="Pass None to fit it.")
+    kinds = tuple(curve.kind for curve in given)
+    if kinds == ("loop_correlation",):
+        shared = tuple(name for name in shared if name != "alpha")
+    stack = stack_curves([{1.0: curve} for curve in given], window or _default_window)
+    model = CrossoverModel(kinds, _names(kinds, shared, beyond, sharpness is None))
+    data = _data(stack, kinds, sharpness)
+    whole = np.ones(len(stack.x), bool)
+    begin = _start(model, data, start or {})
+    found = solver.solve(model, begin, data)
+    best = found.values
+    refits = [
+        solver.solve(model, best, _data(drawn, kinds, sharpness))
+        for drawn in stack.bootstrap(draws, np.random.default_rng(rng))
+    ]
+    good = np.array([bool(refit.success) for refit in refits])
+    names, values, jacobian = solver.reported(model, best)
+    spread = np.array([solver.reported(model, refit.values)[1] for refit in refits])
+    covariance = _robust_covariance(spread[good])
+    variants = _variants(model, stack, kinds, sharpness, best, whole, jacobian)
+    return Fit(
+        model="crossover: " + ", ".join(kinds),
+        values=dict(zip(names, values.tolist(), strict=True)),
+        stderr=dict(zip(names, np.sqrt(np.diag(covariance)).tolist(), strict=True)),
+        covariance=covariance,
+        chi2=float(found.chi2),
+        dof=int(len(stack.x) - len(best)),
+        systematic=systematic_errors(variants, names, values),
+        status=_status(found, good, dict(zip(names, values, strict=True)), stack),
+        details={
+            "kinds": kinds,
+            "shared": tuple(shared),
+            "beyond": beyond,
+            "windows": _windows(stack, kinds),
+            "points": len(stack.x),
+            "draws": draws,
+            "draws_failed": int((~good).sum()),
+            "variants": {
+                name: dict(zip(names, v.tolist(), strict=True)) for name, v, _ in variants
+            },
+            "fitted": _fitted(model, best, stack, kinds, data),
+        },
+    )
+
+
+def _checked_curves(curves: Curve | Sequence[Curve]) -> list[Curve]:
+    given = [curves] if isinstance(curves, Curve) else list(curves)
+    if not given or not all(isinstance(curve, Curve) for curve in given):
+        raise TypeError(f"curves must be a Curve or several; got {type(curves).__name__}.")
+    kinds = [curve.kind for curve in given]
+    if unknown := [kind for kind in kinds if kind not in BELOW]:
+        raise ValueError(
+            f"no crossover is known for {unknown}; known are {sorted(BELOW)}. Leave them out."
+        )
+    if len(set(kinds)) < len(kinds):
+        raise ValueError(
+            f"curves must be of different kinds; got {kinds}. Join batches of one kind by "
+            "jaxsurf.concatenate, and fit different ensembles one at a time."
+        )
+    for curve in given:
+        if curve.kind in ("curvature_moment", "patch_moment", "height_correlation") and (
+            curve.detail("order", 2) != 2
+        ):
+            raise ValueError(
+                f"{curve.kind} must be of order 2; got order {curve.detail('order')}. "
+                "Pass the second moment."
+            )
+    lengths = {c.units[0].removeprefix("1/") for c in given if c.kind != "spectrum"}
+    if len(lengths) > 1:
+        raise ValueError(
+            f"curves to fit together must share the unit of length; got {sorted(lengths)}. "
+            "Measure all of them with one spacing."
+        )
+    return given
+
+
+def _default_window(curve: Curve, size: float) -> tuple[float, float]:
+    """From a few sites to a share of the map's side, where curves say how wide the map is."""
+    side = curve.detail("side")
+    first, last = float(curve.scale[0]), float(curve.scale[-1])
+    if side is None:
+        return first, last
+    if curve.kind == "spectrum":
+        return 3 * np.pi / side, last / 4
+    if curve.kind == "length_tail":
+        return 5 * first, 1.5 * side
+    return max(_LOW.get(curve.kind, 3.0) * first, first), _HIGH.get(curve.kind, 0.25) * side
+
+
+def _names(
+    kinds: tuple[str, ...], shared: Sequence[str], beyond: str, fit_sharpness: bool
+) -> tuple[str, ...]:
+    names: list[str] = []
+    for name, inner in (("alpha", "alpha"), ("xi", "log_xi")):
+        if name in shared:
+            names.append(inner)
+        else:
+            names += [
+                f"{inner}[{kind}]"
+                for kind in kinds
+                if not (name == "alpha" and kind == "loop_correlation")
+            ]
+    for kind in kinds:
+        names.append(f"log_amplitude[{kind}]")
+        if fit_sharpness:
+            names.append(f"shape[{kind}]")
+        if beyond == "free":
+            names.append(f"beyond[{kind}]")
+    return tuple(names)
+
+
+def _data(stack: Stack, kinds: tuple[str, ...], sharpness: float | None) -> dict[str, Any]:
+    waves = np.array([kind == "spectrum" for kind in kinds])[stack.measure]
+    log_x = np.log(stack.x)
+    ones = np.ones(len(stack.x))
+    return {
+        "log_y": stack.log_y,
+        "log_v": np.where(waves, np.log(np.pi) - log_x, log_x),
+        "measure": stack.measure,
+        "whitening": stack.whitening(np.ones(len(stack.x), bool), ones),
+        "sharpness": 1.0 if sharpness is None else float(sharpness),
+    }
+
+
+def _start(
+    model: CrossoverModel, data: dict[str, Any], given: Mapping[str, float]
+) -> Float[np.ndarray, " parameter"]:
+    """The best of a coarse grid of alpha and xi, each amplitude at its mean residual."""
+    for name in given:
+        check_choice("each start", name, ("alpha", "xi"))
+    if "xi" in given:
+        check_in_range(
+            "the start of xi",
+            given["xi"],
+            0.0,
+            np.inf,
+            closed=(False, False),
+            remedy="Pass xi > 0.",
+        )
+    lengths = data["log_v"][np.isin(data["measure"], _of_length(model.kinds))]
+    low, high = (lengths.min(), lengths.max()) if len(lengths) else (0.0, 3.0)
+    grid_xi = [np.log(given["xi"])] if "xi" in given else np.linspace(low, high, 9)[1:-1]
+    grid_alpha = [given["alpha"]] if "alpha" in given else [0.1, 0.4, 0.7, 0.95]
+    best, lowest = np.zeros(len(model.names)), np.inf
+    for log_xi in grid_xi:
+        for alpha in grid_alpha:
+            vector = np.array([_first_guess(name, alpha, log_xi) for name in model.names])
+            for _ in range(2):  # the knee of P_> depends on the amplitude of <s>
+                misfit = data["log_y"] - solver.log_y(model, vector, data)
+                for index, kind in enumerate(model.kinds):
+                    place = model.names.index(f"log_amplitude[{kind}]")
+                    vector[place] += misfit[data["measure"] == index].mean()
+            misfit = data["log_y"] - solver.log_y(model, vector, data)
+            chi2 = float(np.sum((data["whitening"] @ misfit) ** 2))
+            if chi2 < lowest:
+                best, lowest = vector, chi2
+    return best
+
+
+def _of_length(kinds: tuple[str, ...]) -> list[int]:
+    return [index for index, kind in enumerate(kinds) if kind != "length_tail"]
+
+
+def _first_guess(name: str, alpha: float, log_xi: float) -> float:
+    if name.startswith("alpha"):
+        return alpha
+    if name.startswith("log_xi"):
+        return log_xi
+    if name.startswith("beyond"):
+        return float(BEYOND.get(name[7:-1], 0.0))
+    return 0.0
+
+
+def _robust_covariance(draws: np.ndarray) -> np.ndarray:
+    """Covariance of the draws, infinite if there are too few."""
+    if len(draws) < 2:
+        return np.full((draws.shape[1],) * 2, np.inf)
+    return np.atleast_2d(np.cov(draws.T))
+
+
+def _variants(
+    model: CrossoverModel,
+    stack: Stack,
+    kinds: tuple[str, ...],
+    sharpness: float | None,
+    best: np.ndarray,
+    whole: Bool[np.ndarray, " point"],
+    slopes: np.ndarray,
+) -> list[tuple[str, Any, Any]]:
+    """Refits without the smallest or the largest scales of every curve."""
+    data = _data(stack, kinds, sharpness)
+    own = np.diag(solver.covariance(model, best, data))
+    position, results = stack.position(), []
+    for name, use in (("upper 4/5 of scales", position >= 0.2), ("lower 4/5", position <= 0.8)):
+        varied = {**data, "whitening": stack.whitening(use & whole, np.ones(len(stack.x)))}
+        if use.sum() <= len(best):
+            continue
+        found = solver.solve(model, best, varied)
+        if found.success:
+            spread = np.diag(solver.covariance(model, found.values, varied))
+            excess = np.clip(spread - own, 0.0, None) * slopes**2
+            results.append((name, solver.reported(model, found.values)[1], excess))
+    return results
+
+
+def _status(found: Solution, good: np.ndarray, values: dict[str, float], stack: Stack) -> str:
+    if not found.success:
+        return found.status
+    if good.mean() < 0.9:
+        return (
+            f"unstable: {int((~good).sum())} of {len(good)} bootstrap refits failed. Fix the "
+            "sharpness, share alpha and xi, or add surfaces."
+        )
+    for name, value in values.items():
+        if name.startswith("sharpness") and not 1.02 * BLUNTEST < value < 0.98 * SHARPEST:
+            return (
+                f"{name} is at its bound: {value:.3g} of {BLUNTEST:g} to {SHARPEST:g}. The data do "
+                "not resolve the knee's shape: pass sharpness= (2 is a soft knee, 8 a hard one)."
+            )
+        if name.startswith("xi") and not np.isfinite(value):
+            return f"{name} is not finite: no knee. Use fit_power_law, or widen the window."
+    return "converged"
+
+
+def _windows(stack: Stack, kinds: tuple[str, ...]) -> dict[str, tuple[float, float]]:
+    return {
+        kind: (
+            float(stack.x[stack.measure == index].min()),
+            float(stack.x[stack.measure == index].max()),
+        )
+        for index, kind in enumerate(kinds)
+    }
+
+
+def _fitted(
+    model: CrossoverModel, best: np.ndarray, stack: Stack, kinds: tuple[str, ...], data: Any
+) -> dict[str, dict[str, np.ndarray]]:
+    """The fitted line of each measure, for pictures."""
+    line = np.exp(solver.log_y(model, best, data))
+    return {
+        kind: {"scale": stack.x[stack.measure == i], "value": line[stack.measure == i]}
+        for i, kind in enumerate(kinds)
+    }

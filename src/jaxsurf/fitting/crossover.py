@@ -25,7 +25,7 @@ from jaxtyping import Bool, Float
 from jaxsurf._checks import check_choice, check_in_range, check_integer
 from jaxsurf.curve import Curve
 from jaxsurf.fitting import _crossover_model as solver
-from jaxsurf.fitting._collapse_data import Stack, Window, stack_curves, systematic_errors
+from jaxsurf.fitting._collapse_data import Stack, stack_curves, systematic_errors
 from jaxsurf.fitting._crossover_model import BELOW, BEYOND, BLUNTEST, SHARPEST, CrossoverModel
 from jaxsurf.fitting._least_squares import Solution
 from jaxsurf.fitting.fit import Fit
@@ -41,7 +41,7 @@ def fit_crossover(
     shared: Sequence[str] = ("alpha", "xi"),
     beyond: str = "percolation",
     sharpness: float | None = None,
-    window: Window = None,
+    windows: Mapping[str, tuple[float, float]] | None = None,
     start: Mapping[str, float] | None = None,
     draws: int = 200,
     rng: np.random.Generator | int = 0,
@@ -60,8 +60,8 @@ def fit_crossover(
         beyond: "percolation" fixes the exponents above the knee by theory, "free" fits them, as
             "beyond[mean_length]".
         sharpness: n of every measure, or None to fit each, as "sharpness[mean_length]".
-        window: (low, high) in the scale's unit for a single curve, or a function (curve, size) ->
-            (low, high) with size 1; by default the scales between the lattice and the map's side.
+        windows: kind -> (low, high) in its scale's unit; where missing, the scales between the
+            lattice and the map's side.
         start: starting values of "alpha" and "xi".
         draws: how many times surfaces are drawn again, 20 or more.
         rng: a generator or a seed for the draws.
@@ -86,7 +86,11 @@ def fit_crossover(
     kinds = tuple(curve.kind for curve in given)
     if kinds == ("loop_correlation",):
         shared = tuple(name for name in shared if name != "alpha")
-    stack = stack_curves([{1.0: curve} for curve in given], window or _default_window)
+    chosen = windows or {}
+    stack = stack_curves(
+        [{1.0: curve} for curve in given],
+        lambda curve, _: chosen.get(curve.kind) or _default_window(curve),
+    )
     model = CrossoverModel(kinds, _names(kinds, shared, beyond, sharpness is None))
     data = _data(stack, kinds, sharpness)
     whole = np.ones(len(stack.x), bool)
@@ -158,7 +162,7 @@ def _checked_curves(curves: Curve | Sequence[Curve]) -> list[Curve]:
     return given
 
 
-def _default_window(curve: Curve, size: float) -> tuple[float, float]:
+def _default_window(curve: Curve) -> tuple[float, float]:
     """From a few sites to a share of the map's side, where curves say how wide the map is."""
     side = curve.detail("side")
     first, last = float(curve.scale[0]), float(curve.scale[-1])

@@ -145,6 +145,21 @@ def test_no_file_is_two_concepts():
         assert len(path.read_text().splitlines()) <= 400, path
 
 
+@pytest.mark.parametrize(
+    ("missing", "module", "remedy"),
+    [
+        ("cyclopts", "jaxsurf.cli", "jaxsurf[cli]"),
+        ("matplotlib", "jaxsurf.report", "jaxsurf[plot]"),
+    ],
+)
+def test_a_missing_extra_is_named(missing, module, remedy):
+    program = f"import sys; sys.modules[{missing!r}] = None; import {module}"
+    found = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
+    assert found.returncode != 0
+    assert missing in found.stderr
+    assert remedy in found.stderr
+
+
 def test_import_is_light_and_changes_no_setting():
     program = (
         "import jax; before = dict(jax.config.values); import jaxsurf, sys; "

@@ -7,11 +7,23 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated, Any
 
-from cyclopts import App, Parameter
-from rich import box
-from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
-from rich.table import Table
+try:
+    from cyclopts import App, Parameter
+    from rich import box
+    from rich.console import Console
+    from rich.progress import (
+        BarColumn,
+        Progress,
+        TextColumn,
+        TimeElapsedColumn,
+        TimeRemainingColumn,
+    )
+    from rich.table import Table
+except ModuleNotFoundError as missing:
+    raise SystemExit(
+        f"The command line needs {missing.name}, which is not installed. "
+        "Install it by: pip install 'jaxsurf[cli]'"
+    ) from missing
 
 from jaxsurf import __version__
 

@@ -15,6 +15,10 @@ from jaxsurf.laws import WhiteNoise as WhiteNoise
 from jaxsurf.loops.loops import Loops as Loops
 from jaxsurf.loops.trace import trace_loops as trace_loops
 from jaxsurf.measures.curvature import curvature_moment as curvature_moment
+from jaxsurf.measures.curvature import curvature_ratio as curvature_ratio
+from jaxsurf.measures.curvature import curvature_skewness as curvature_skewness
+from jaxsurf.measures.differences import height_correlation as height_correlation
+from jaxsurf.measures.differences import height_correlation_map as height_correlation_map
 from jaxsurf.measures.fourier import directional_spectrum as directional_spectrum
 from jaxsurf.measures.fourier import power_spectrum as power_spectrum
 from jaxsurf.surfaces.gaussian import sample as sample

@@ -106,9 +106,9 @@ def rolled(
     return jnp.roll(one, shift, (0, 1))
 
 
-def side(shape: tuple[int, ...], spacing: Any) -> float:
-    """The map's smaller side in units of length, for a curve's details."""
-    return min(shape[-2:]) * float(spacing)
+def side(maps: Shaped[Array, "..."], spacing: Any) -> tuple[str, float]:
+    """The map's smaller side in units of length, as one of a curve's details."""
+    return "side", min(maps.shape[-2:]) * float(spacing)
 
 
 def power_of(unit: str, exponent: float | int) -> str:

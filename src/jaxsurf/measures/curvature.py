@@ -10,17 +10,13 @@ variance carries the roughness exponent, $\langle C_b^2 \rangle \sim b^{2\alpha}
 the up/down asymmetry that no quadratic measure can see; and if the heights are Gaussian
 $\langle C_b^4 \rangle/\langle C_b^2 \rangle^2 = 3$.
 
-`moments` is the array-level core: several orders in one pass, one map and one scale at a time, so
-that the memory does not grow with the number of scales.
+Array-level core: `moments`, several orders in one pass.
 
 Source: the paper's Sec. II C, Eqs. (curv_def), (curv_scale), (curv2), (curv4).
 """
 
-from functools import partial, reduce
 from typing import Any
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
@@ -30,18 +26,17 @@ from jaxsurf.curve import Curve
 from jaxsurf.laws import DIRECTIONS
 from jaxsurf.measures import _maps
 from jaxsurf.measures._maps import Heights, Units
+from jaxsurf.measures._ratios import ensemble_ratio
+from jaxsurf.measures._stencils import Stencil, stencil_moments
 
-Offsets = tuple[tuple[int, int], ...]
 
-
-@partial(jax.jit, static_argnames=("orders", "offsets", "boundary"))
 def moments(
     heights: Float[Array, "surface x y"],
     scales: Int[Array | np.ndarray, " scale"],
     mask: Bool[Array, "surface x y"] | None = None,
     *,
     orders: tuple[int, ...] = (2,),
-    offsets: Offsets = DIRECTIONS["10"],
+    offsets: Stencil = DIRECTIONS["10"],
     boundary: str = "periodic",
 ) -> tuple[Float[Array, "order surface scale"], Float[Array, "surface scale"]]:
     r"""Means of $C_b^q$ over the sites where C_b exists, and the number of those sites.
@@ -54,59 +49,15 @@ def moments(
         offsets: the M vectors e_m, in sites at b = 1; they must sum to zero.
         boundary: "open" uses only the sites whose M neighbours lie inside the map.
     """
-    scales = jnp.asarray(scales, jnp.int32)
-    dtype = heights.dtype
-
-    def at_scale(one: Array, valid: Array | None, b: Array) -> tuple[Array, Array]:
-        curvature = _neighbours(one, b, offsets) - len(offsets) * one
-        present = _present(valid, one.shape, b, offsets, boundary)
-        if present is None:
-            count = jnp.asarray(one.size, dtype)
-        else:
-            curvature = jnp.where(present, curvature, jnp.zeros_like(curvature))
-            count = jnp.sum(present, dtype=dtype)
-        total = [jnp.sum(curvature**q) for q in orders]
-        return jnp.stack(total) / jnp.maximum(count, 1), count
-
-    def of_map(one: tuple[Array, ...]) -> tuple[Array, Array]:
-        valid = one[1] if len(one) == 2 else None
-        # The rolled maps of one scale are made again in the backward pass, not kept.
-        step = jax.checkpoint(lambda b: at_scale(one[0], valid, b))
-        return jax.lax.map(step, scales)
-
-    mean, count = jax.lax.map(of_map, (heights,) if mask is None else (heights, mask))
-    return jnp.moveaxis(mean, 2, 0), count
-
-
-def _neighbours(one: Float[Array, "x y"], b: Int[Array, ""], offsets: Offsets) -> Array:
-    """Sum over m of h(x + b e_m) on the torus."""
-    shifted = [_maps.rolled(one, b * dx, b * dy) for dx, dy in offsets]
-    return sum(shifted[1:], shifted[0])
-
-
-def _present(
-    valid: Array | None, shape: tuple[int, ...], b: Array, offsets: Offsets, boundary: str
-) -> Array | None:
-    """Where C_b exists: None for everywhere."""
-    present = valid
-    if valid is not None:
-        neighbours = [_maps.rolled(valid, b * dx, b * dy) for dx, dy in offsets]
-        present = reduce(jnp.logical_and, neighbours, valid)
-    if boundary == "open":
-        inside = _inside(shape, b, offsets)
-        present = inside if present is None else present & inside
-    return present
-
-
-def _inside(shape: tuple[int, ...], b: Array, offsets: Offsets) -> Bool[Array, "x y"]:
-    """Whether all the neighbours of a site lie on the map."""
-    along = []
-    for axis in (0, 1):
-        at = jnp.arange(shape[axis], dtype=jnp.int32)
-        low = b * -min(0, *(e[axis] for e in offsets))
-        high = shape[axis] - b * max(0, *(e[axis] for e in offsets))
-        along.append((at >= low) & (at < high))
-    return along[0][:, None] & along[1][None, :]
+    return stencil_moments(
+        heights,
+        scales,
+        mask,
+        stencils=(tuple(offsets),),
+        orders=tuple(orders),
+        boundary=boundary,
+        absolute=False,
+    )
 
 
 @_maps.in_their_own_dtype
@@ -116,6 +67,7 @@ def curvature_moment(
     *,
     order: int = 2,
     direction: str = "10",
+    offsets: Any = None,
     spacing: float = 1.0,
     boundary: str = "periodic",
     mask: Any = None,
@@ -136,6 +88,8 @@ def curvature_moment(
         order: the moment q >= 1.
         direction: "10" or "11"; along "11" the offset (b, b) has length sqrt(2) b, which is the
             curve's scale.
+        offsets: the vectors e_m in place of a direction, whole numbers `[M, 2]` that sum to zero.
+            The curve's scale is b times their root mean square length.
         spacing: lattice constant; the curve's scale is in its unit.
         boundary: "periodic", or "open" for maps that do not wrap round.
         mask: true on valid sites, `[x, y]` or the shape of `heights`.
@@ -147,7 +101,7 @@ def curvature_moment(
 
     Raises:
         TypeError: heights or mask of the wrong kind.
-        ValueError: scales, order, direction or boundary out of range; heights not finite.
+        ValueError: scales, order, direction, offsets or boundary out of range; heights not finite.
 
     Source: Eqs. (curv_def), (curv_scale), (curv4).
 
@@ -156,33 +110,120 @@ def curvature_moment(
     >>> curvature_moment(heights, [1, 2, 4])
     Curve('curvature_moment', order=2, direction=10, side=64.0: 3 surfaces x 3 scales 1...4 sites)
     """
-    maps, valid = _maps.read(heights, mask, boundary=boundary, spacing=spacing)
-    check_choice("direction", direction, DIRECTIONS)
     order = _maps.check_order(order)
-    scales = _scales(scales, maps.shape)
-    mean, count = moments(
-        maps, scales, valid, orders=(order,), offsets=DIRECTIONS[direction], boundary=boundary
-    )
+    maps, valid = _maps.read(heights, mask, boundary=boundary, spacing=spacing)
+    stencil, name = _stencil(direction, offsets)
+    b = _scales(scales, maps.shape, stencil)
+    mean, count = moments(maps, b, valid, orders=(order,), offsets=stencil, boundary=boundary)
     return Curve(
         "curvature_moment",
-        _offset_length(scales, direction, spacing),
+        b * (spacing * _length(stencil)),
         mean[0],
         count,
         units=(units[0], _maps.power_of(units[1], order)),
-        details=_details(maps.shape, spacing, order=order, direction=direction),
+        details=(("order", order), ("direction", name), _maps.side(maps, spacing)),
     )
 
 
-def _scales(scales: Any, shape: tuple[int, ...]) -> np.ndarray | Array:
+def curvature_ratio(heights: Heights, scales: Any = None, **options: Any) -> Curve:
+    r"""Fourth moment of the curvature over the square of the second: 3 for Gaussian heights.
+
+    $$\langle C_b^4 \rangle / \langle C_b^2 \rangle^2$$
+
+    Arguments:
+        heights: maps `[..., x, y]`, each a surface.
+        scales: offsets b in sites, as in `curvature_moment`.
+        options: direction, offsets, spacing, boundary, mask and units of `curvature_moment`.
+
+    Returns:
+        A `Curve` whose mean is the ratio of the ensemble's moments; its samples are jackknife
+        pseudo-values (see `_ratios`), one a surface.
+
+    Raises:
+        TypeError: heights or mask of the wrong kind.
+        ValueError: as `curvature_moment`.
+
+    Source: Eq. (curv4).
+    """
+    return _standardised(heights, scales, kind="curvature_ratio", upper=4, **options)
+
+
+def curvature_skewness(heights: Heights, scales: Any = None, **options: Any) -> Curve:
+    r"""Skewness of the curvature: zero if h -> -h is a symmetry.
+
+    $$\langle C_b^3 \rangle / \langle C_b^2 \rangle^{3/2}$$
+
+    Its sign may change with b; report the curve, not a sign.
+
+    Arguments:
+        heights: maps `[..., x, y]`, each a surface.
+        scales: offsets b in sites, as in `curvature_moment`.
+        options: direction, offsets, spacing, boundary, mask and units of `curvature_moment`.
+
+    Returns:
+        A `Curve` whose mean is the ratio of the ensemble's moments; its samples are jackknife
+        pseudo-values (see `_ratios`), one a surface.
+
+    Raises:
+        TypeError: heights or mask of the wrong kind.
+        ValueError: as `curvature_moment`.
+
+    Source: Eq. (curv_scale), Table III.
+    """
+    return _standardised(heights, scales, kind="curvature_skewness", upper=3, **options)
+
+
+@_maps.in_their_own_dtype
+def _standardised(
+    heights: Heights,
+    scales: Any,
+    *,
+    kind: str,
+    upper: int,
+    direction: str = "10",
+    offsets: Any = None,
+    spacing: float = 1.0,
+    boundary: str = "periodic",
+    mask: Any = None,
+    units: Units = ("sites", "1"),
+) -> Curve:
+    """<C^upper>/<C^2>^(upper/2)."""
+    maps, valid = _maps.read(heights, mask, boundary=boundary, spacing=spacing)
+    stencil, name = _stencil(direction, offsets)
+    b = _scales(scales, maps.shape, stencil)
+    mean, count = moments(maps, b, valid, orders=(upper, 2), offsets=stencil, boundary=boundary)
+    return Curve(
+        kind,
+        b * (spacing * _length(stencil)),
+        ensemble_ratio(mean[0], mean[1], count, upper / 2),
+        count,
+        units=(units[0], "1"),
+        details=(("direction", name), _maps.side(maps, spacing)),
+    )
+
+
+def _stencil(direction: str, offsets: Any) -> tuple[Stencil, str]:
+    """The offsets e_m as tuples of ints, and what to call them."""
+    if offsets is None:
+        check_choice("direction", direction, DIRECTIONS)
+        return DIRECTIONS[direction], direction
+    vectors = np.asarray(offsets)
+    remedy = "Pass e.g. [[1, 0], [-1, 0]] for the second difference along one axis."
+    if vectors.ndim != 2 or vectors.shape[1] != 2 or not np.all(vectors == np.round(vectors)):
+        raise ValueError(f"offsets must be whole vectors [M, 2]; got {offsets!r}. {remedy}")
+    if np.any(vectors.sum(0) != 0) or not np.any(vectors):
+        raise ValueError(f"offsets must sum to zero and not all vanish; got {offsets!r}. {remedy}")
+    return tuple((int(dx), int(dy)) for dx, dy in vectors), "offsets"
+
+
+def _scales(scales: Any, shape: tuple[int, ...], stencil: Stencil) -> np.ndarray | Array:
     if scales is None:
-        return _grid.default_scales((shape[-2], shape[-1])).astype(np.int32)
+        reach = max(abs(step) for e in stencil for step in e)
+        standard = _grid.default_scales((shape[-2], shape[-1]))
+        return standard[standard * reach <= max(min(shape[-2:]) // 2, reach)].astype(np.int32)
     return _maps.check_scales("scales", scales, low=1, high=min(shape[-2:]) // 2, limit="L/2")
 
 
-def _offset_length(scales: Any, direction: str, spacing: float) -> Any:
-    """The length b |e_m| of the offsets, in units of length."""
-    return scales * (spacing * float(np.hypot(*DIRECTIONS[direction][0])))
-
-
-def _details(shape: tuple[int, ...], spacing: float, **what: Any) -> tuple[tuple[str, Any], ...]:
-    return (*what.items(), ("side", _maps.side(shape, spacing)))
+def _length(stencil: Stencil) -> float:
+    """Root mean square length of the offsets at b = 1, in sites."""
+    return float(np.sqrt(np.mean(np.sum(np.square(stencil), -1))))

@@ -215,4 +215,4 @@ def _details(
     shape: tuple[int, int], spacing: float, boundary: str, window: str | None
 ) -> tuple[tuple[str, Any], ...]:
     edges = () if boundary == "periodic" else (("window", window or "hann"),)
-    return (*edges, ("side", _maps.side(shape, spacing)))
+    return (*edges, ("side", min(shape) * float(spacing)))

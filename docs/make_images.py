@@ -12,9 +12,8 @@ import shutil
 import tempfile
 from pathlib import Path
 
-from rich.console import Console
-
 from jaxsurf import cli
+from jaxsurf.cli import _terminal
 
 ROOT = Path(__file__).parent.parent
 IMAGES = ROOT / "docs" / "images"
@@ -32,7 +31,8 @@ def main() -> None:
         for name in re.findall(r'savefig\("(.*?)"\)', ten_lines):
             shutil.copy(name, IMAGES / name)
         printed = io.StringIO()
-        cli.console = Console(file=printed, width=80)
+        _terminal.console.file = printed
+        _terminal.console.width = 80
         cli.main(["table1"])
         shutil.copy("table1/exponents.png", IMAGES / "table1.png")
     table = printed.getvalue().replace("\n\n", "\n").strip("\n")

@@ -9,6 +9,7 @@ Source: D. Blackman and S. Vigna, Scrambled linear pseudorandom number generator
 Softw. 47, 36 (2021).
 """
 
+import math
 from typing import NamedTuple
 
 import jax
@@ -27,8 +28,18 @@ class Streams(NamedTuple):
 
 def seed_streams(keys: Key[Array, " surface"], shape: tuple[int, ...]) -> Streams:
     """Independent streams `[surface, *shape]`, those of one surface from its own key."""
-    words = jax.vmap(lambda key: jax.random.bits(key, (2, *shape), jnp.uint32))(keys)
+    words = random_words(keys, (2, *shape))
     return Streams(words[:, 0], words[:, 1])
+
+
+def random_words(keys: Key[Array, " surface"], shape: tuple[int, ...]) -> Words:
+    """Random 32-bit words `[surface, *shape]`, those of one surface from its own key.
+
+    Drawn in a row and then folded up: XLA compiles threefry over a flat array ten times faster.
+    """
+    count = math.prod(shape)
+    rows = jax.vmap(lambda key: jax.random.bits(key, (count,), jnp.uint32))(keys)
+    return rows.reshape(-1, *shape)
 
 
 def next_words(streams: Streams) -> tuple[Words, Streams]:

@@ -28,6 +28,7 @@ from jaxsurf.surfaces._site_streams import (
     Streams,
     coin_and_wait,
     next_words,
+    random_words,
     seed_streams,
     uniform,
 )
@@ -90,7 +91,7 @@ def _moved(
 def sublattice(keys: Key[Array, " surface"], lattice: Lattice, p: Times) -> Lattice:
     """All sites of one sublattice at once, then all of the other."""
     shape = lattice.even.shape[1:]
-    draws = jax.vmap(lambda key: jax.random.bits(key, (2, *shape), jnp.uint32))(keys)
+    draws = random_words(keys, (2, *shape))
     up_even, up_odd = uniform(draws[:, 0]) < p, uniform(draws[:, 1]) < p
     even = _moved(lattice.even, lattice.odd, False, True, up_even)
     return Lattice(even, _moved(lattice.odd, even, True, True, up_odd))

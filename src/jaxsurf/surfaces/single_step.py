@@ -42,6 +42,7 @@ from jaxsurf._checks import (
     check_shape,
     is_traced,
 )
+from jaxsurf.surfaces._site_streams import random_words
 from jaxsurf.surfaces._step_updates import SCHEMES, Lattice, join, split
 
 
@@ -158,9 +159,8 @@ def init_single_step(
         if key is None:
             raise TypeError('start="random" needs a key; got None. Pass key=jax.random.key(0).')
         check_key(key)
-        coins = jax.vmap(lambda k: jax.random.bits(k, (lx, ly), jnp.uint32))(
-            _surface_keys(jax.random.fold_in(key, _START), leading)
-        ).reshape(full)
+        keys = _surface_keys(jax.random.fold_in(key, _START), leading)
+        coins = random_words(keys, (lx, ly)).reshape(full)
         coin = jnp.where(coins >> jnp.uint32(31) == 1, jnp.int32(1), jnp.int32(-1))
         heights = jnp.where(jnp.broadcast_to(jnp.asarray(odd == 1), full), coin, jnp.int32(0))
     else:

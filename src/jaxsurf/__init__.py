@@ -8,7 +8,9 @@ from jaxsurf import theory as theory
 from jaxsurf.curve import Curve as Curve
 from jaxsurf.curve import concatenate as concatenate
 from jaxsurf.fitting.collapse import fit_collapse as fit_collapse
+from jaxsurf.fitting.crossover import fit_crossover as fit_crossover
 from jaxsurf.fitting.fit import Fit as Fit
+from jaxsurf.fitting.joint import fit_joint as fit_joint
 from jaxsurf.fitting.power_law import fit_power_law as fit_power_law
 from jaxsurf.laws import SelfAffine as SelfAffine
 from jaxsurf.laws import WhiteNoise as WhiteNoise

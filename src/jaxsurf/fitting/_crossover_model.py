@@ -1,7 +1,9 @@
 r"""The crossover's model: its parameters, their values, and the solver.
 
-See `crossover` for the equations. Lengths, amplitudes and sharpness are fitted by their logarithms
-(the sharpness between two bounds), so that no step of the solver makes them negative.
+See `crossover` for the equations. Lengths and amplitudes are fitted by their logarithms, the
+sharpness n by its inverse, which passes through zero where the knee is a corner: no parameter has a
+bound. The curvature variance follows exactly from a spectrum with a knee, so it is not given a knee
+of its own but summed over the map's modes.
 """
 
 from collections.abc import Mapping
@@ -14,12 +16,15 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jaxsurf import theory
+from jaxsurf import _grid, theory
+from jaxsurf.curve import Curve
 from jaxsurf.fitting._collapse_solve import float64
 from jaxsurf.fitting._least_squares import Solution, least_squares
 
-#: Sharpness runs between these; at the upper end the knee is a corner to the eye.
-BLUNTEST, SHARPEST = 0.3, 30.0
+#: A knee sharper than this is a corner to any data.
+SHARPEST = 100.0
+#: Bins of wave number for the lattice sums: S varies little within.
+_Q_RATIO = 1.03
 #: Kinds whose exponent below the knee depends on alpha, and how (in v, growing with length).
 BELOW = {
     "mean_length": theory.fractal_dimension,
@@ -44,11 +49,13 @@ class CrossoverModel:
     Attributes:
         kinds: the measures, in the order of the stack.
         names: the parameters, in the order of the vector: "alpha", "log_xi" (or one a measure, as
-            "log_xi[mean_length]"), and for each measure its log amplitude, sharpness, beyond.
+            "log_xi[mean_length]"), and for each measure its log amplitude, bluntness, beyond.
+        on_lattice: measures computed from the spectrum by `curvature_kernel`.
     """
 
     kinds: tuple[str, ...]
     names: tuple[str, ...]
+    on_lattice: tuple[str, ...] = ()
 
     def __call__(self, vector: Float[Array, " parameter"], data: Mapping[str, Any]) -> Any:
         """Whitened residuals."""
@@ -58,31 +65,78 @@ class CrossoverModel:
         """Logarithm of the model at each point."""
         found = jnp.zeros_like(data["log_y"])
         for index, kind in enumerate(self.kinds):
-            below, beyond, log_knee, sharpness, amplitude = self._measure(kind, vector, data)
-            u = data["log_v"] - log_knee
-            mine = amplitude + below * data["log_v"]
-            mine += (beyond - below) / sharpness * jnp.logaddexp(0.0, sharpness * u)
+            below, beyond, log_knee, blunt, amplitude = self._measure(kind, vector, data)
+            if kind in self.on_lattice:  # below and beyond are those of S, summed over modes
+                modes = _bent(data["log_mode"], below, beyond, log_knee, blunt)
+                top = jnp.max(modes)
+                mine = amplitude + top + jnp.log(data["kernel"] @ jnp.exp(modes - top))
+            else:
+                mine = amplitude + _bent(data["log_v"], below, beyond, log_knee, blunt)
             found = jnp.where(data["measure"] == index, mine, found)
         return found
 
-    def _measure(self, kind: str, vector: Any, data: Mapping[str, Any]) -> tuple[Any, ...]:
-        def value(name: str, default: Any = None) -> Any:
-            for candidate in (f"{name}[{kind}]", name):
-                if candidate in self.names:
-                    return vector[self.names.index(candidate)]
-            return default
+    def value(self, name: str, kind: str, vector: Any, default: Any = None) -> Any:
+        """A parameter of one measure, its own or the shared one."""
+        for candidate in (f"{name}[{kind}]", name):
+            if candidate in self.names:
+                return vector[self.names.index(candidate)]
+        return default
 
-        alpha, log_knee = value("alpha", 0.0), value("log_xi")
-        below = BELOW[kind](alpha)
+    def _measure(self, kind: str, vector: Any, data: Mapping[str, Any]) -> tuple[Any, ...]:
+        alpha = self.value("alpha", kind, vector, 0.0)
+        log_knee = self.value("log_xi", kind, vector)
+        below = BELOW["spectrum" if kind in self.on_lattice else kind](alpha)
         if kind == "length_tail":
-            amplitude = 0.0
-            if "log_amplitude[mean_length]" in self.names:
-                amplitude = vector[self.names.index("log_amplitude[mean_length]")]
-            log_knee = log_knee * theory.fractal_dimension(alpha) + amplitude
-        shape = value("shape")
-        sharpness = data["sharpness"] if shape is None else _sharpness(shape)
-        beyond = value("beyond", BEYOND.get(kind, 0.0))
-        return below, beyond, log_knee, sharpness, value("log_amplitude")
+            log_knee = log_knee * theory.fractal_dimension(alpha)
+            log_knee += self.value("log_amplitude", "mean_length", vector, 0.0)
+        log_knee += data["log_ratio"][self.kinds.index(kind)]
+        bluntness = self.value("bluntness", kind, vector, data["bluntness"])
+        blunt = jnp.sqrt(bluntness**2 + SHARPEST**-2)
+        beyond = self.value("beyond", kind, vector, BEYOND.get(kind, 0.0))
+        return below, beyond, log_knee, blunt, self.value("log_amplitude", kind, vector)
+
+
+def _bent(log_v: Any, below: Any, beyond: Any, log_knee: Any, blunt: Any) -> Any:
+    """Logarithm of v^below [1 + (v / knee)^n]^((beyond - below)/n), with 1/n the bluntness."""
+    return below * log_v + (beyond - below) * blunt * jnp.logaddexp(0.0, (log_v - log_knee) / blunt)
+
+
+def curvature_kernel(
+    curve: Curve, scales: Float[np.ndarray, " scale"]
+) -> tuple[Float[np.ndarray, " mode"], Float[np.ndarray, "scale mode"]] | None:
+    r"""What each ring of wave numbers adds to the curvature variance on the map's lattice.
+
+    $$\langle C_b^2\rangle = \frac1A \sum_q S(q) \left[4 - 2\cos(b\, q\cdot e_1) -
+      2\cos(b\, q\cdot e_2)\right]^2$$
+
+    Returns:
+        Ring radii as v = pi/q, and the matrix that takes S on the rings to the variance; None if
+        the curve does not know its map's side or direction.
+    """
+    side, direction = curve.detail("side"), curve.detail("direction")
+    if curve.kind != "curvature_moment" or side is None or direction not in ("10", "11"):
+        return None
+    step = np.sqrt(2.0) if direction == "11" else 1.0
+    spacing = curve.detail("spacing") or float(np.asarray(curve.scale)[0]) / step
+    shape = (round(side / spacing),) * 2
+    q_x, q_y = _grid.wave_numbers(shape, spacing)
+    q = np.hypot(q_x, q_y).ravel()
+    multiplicity = np.broadcast_to(_grid.mode_multiplicity(shape), (shape[0], q_y.size)).ravel()
+    ring = np.zeros(len(q), int)
+    ring[1:] = 1 + np.floor(np.log(q[1:] / q[1:].min()) / np.log(_Q_RATIO)).astype(int)
+    _, ring = np.unique(ring, return_inverse=True)
+    ring = ring - 1  # the zero mode is no ring
+    count = np.bincount(ring[1:], multiplicity[1:])
+    log_q = np.bincount(ring[1:], (multiplicity * np.log(np.where(q > 0, q, 1.0)))[1:]) / count
+    rows = []
+    for b in scales / step:
+        if direction == "10":
+            sums = 2 * np.cos(b * q_x) + 2 * np.cos(b * q_y)
+        else:
+            sums = 4 * np.cos(b * q_x) * np.cos(b * q_y)
+        kernel = (multiplicity * ((4 - sums) ** 2).ravel())[1:]
+        rows.append(np.bincount(ring[1:], kernel) / side**2)
+    return np.log(np.pi) - log_q, np.array(rows)
 
 
 def solve(model: CrossoverModel, start: np.ndarray, data: Mapping[str, Any]) -> Solution:
@@ -112,23 +166,15 @@ def reported(
         if name.startswith("log_"):
             number = np.exp(number)
             slope = number
-        elif name.startswith("shape"):
-            with float64():
-                before, number = number, float(_sharpness(number))
-            share = 1 / (1 + np.exp(-before))
-            slope = number * np.log(SHARPEST / BLUNTEST) * share * (1 - share)
+        elif name.startswith("bluntness"):
+            blunt = np.hypot(number, 1 / SHARPEST)
+            slope, number = number / blunt**3, 1 / blunt
         else:
             slope = 1.0
-        names.append(name.removeprefix("log_").replace("shape", "sharpness"))
+        names.append(name.removeprefix("log_").replace("bluntness", "sharpness"))
         values.append(number)
         slopes.append(slope)
     return tuple(names), np.array(values), np.array(slopes)
-
-
-def _sharpness(shape: Any) -> Any:
-    """Sharpness from an unbounded number: logistic in ln n."""
-    low, high = np.log(BLUNTEST), np.log(SHARPEST)
-    return jnp.exp(low + (high - low) / (1 + jnp.exp(-shape)))
 
 
 @partial(jax.jit, static_argnums=0)

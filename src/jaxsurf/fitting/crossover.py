@@ -7,11 +7,12 @@ side, joined smoothly:
 $$y = A\, v^{p(\alpha)} \left[1 + (v/v_\xi)^n\right]^{(p_\infty - p(\alpha))/n},$$
 
 v the scale ($\pi/q$ for the spectrum, so that the knee of $S$ lies at $q = \pi/\xi$), p the
-exponent below the knee by theory, $p_\infty$ that of percolation (zero for S, $\langle C^2\rangle$
-and $D_2$), n the fitted sharpness. $v_\xi = \xi$, and for $P_>(s)$ the length of a loop of radius
-xi, $s_\xi = a\,\xi^{D_f}$, with a the amplitude of $\langle s\rangle(R)$ where that curve is fitted
-too and 1 where it is not. So xi is where the two straight lines meet; the lines of different
-measures meet at lengths that differ by factors of order one.
+exponent below the knee by theory, $p_\infty$ that of percolation (zero for S and $D_2$), n the
+fitted sharpness. $v_\xi = k\,\xi$, and for $P_>(s)$ the length of a loop of that radius, $s_\xi =
+k\,a\,\xi^{D_f}$, with a the amplitude of $\langle s\rangle(R)$ where that curve is fitted too and 1
+where it is not. The ratio k, 1 unless given, is a number of order one that belongs to the measure:
+the knee is where two straight lines meet, and they meet at another length in each. The curvature
+variance needs no k: it is the lattice sum of a spectrum with its knee at xi.
 
 Source: the paper's Eqs. (hcross), (scross), (perc_results) and Sec. V D.
 """
@@ -20,13 +21,13 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 
 from jaxsurf._checks import check_choice, check_in_range, check_integer
 from jaxsurf.curve import Curve
 from jaxsurf.fitting import _crossover_model as solver
 from jaxsurf.fitting._collapse_data import Stack, stack_curves, systematic_errors
-from jaxsurf.fitting._crossover_model import BELOW, BEYOND, BLUNTEST, SHARPEST, CrossoverModel
+from jaxsurf.fitting._crossover_model import BELOW, BEYOND, CrossoverModel, curvature_kernel
 from jaxsurf.fitting._least_squares import Solution
 from jaxsurf.fitting.fit import Fit
 
@@ -41,6 +42,7 @@ def fit_crossover(
     shared: Sequence[str] = ("alpha", "xi"),
     beyond: str = "percolation",
     sharpness: float | None = None,
+    knees: Mapping[str, float] | None = None,
     windows: Mapping[str, tuple[float, float]] | None = None,
     start: Mapping[str, float] | None = None,
     draws: int = 200,
@@ -60,6 +62,7 @@ def fit_crossover(
         beyond: "percolation" fixes the exponents above the knee by theory, "free" fits them, as
             "beyond[mean_length]".
         sharpness: n of every measure, or None to fit each, as "sharpness[mean_length]".
+        knees: kind -> the ratio k of its knee to xi; 1 where missing.
         windows: kind -> (low, high) in its scale's unit; where missing, the scales between the
             lattice and the map's side.
         start: starting values of "alpha" and "xi".
@@ -68,7 +71,7 @@ def fit_crossover(
 
     Returns:
         A `Fit` with "alpha", "xi" in the unit of length, and for each measure its amplitude and
-        sharpness. A sharpness at its limit is reported in the status.
+        sharpness; from the curvature, amplitude and sharpness of the spectrum behind it.
 
     Raises:
         ValueError: two curves of a kind, a kind without a known crossover, curves of different
@@ -82,7 +85,16 @@ def fit_crossover(
     for name in shared:
         check_choice("each of shared", name, ("alpha", "xi"))
     if sharpness is not None:
-        check_in_range("sharpness", sharpness, BLUNTEST, SHARPEST, remedy="Pass None to fit it.")
+        check_in_range("sharpness", sharpness, 0.1, 100.0, remedy="Pass None to fit it.")
+    for kind, ratio in (knees or {}).items():
+        check_in_range(
+            f"the knee ratio of {kind}",
+            ratio,
+            0.0,
+            np.inf,
+            closed=(False, False),
+            remedy="It is a number near 1.",
+        )
     kinds = tuple(curve.kind for curve in given)
     if kinds == ("loop_correlation",):
         shared = tuple(name for name in shared if name != "alpha")
@@ -91,21 +103,22 @@ def fit_crossover(
         [{1.0: curve} for curve in given],
         lambda curve, _: chosen.get(curve.kind) or _default_window(curve),
     )
-    model = CrossoverModel(kinds, _names(kinds, shared, beyond, sharpness is None))
-    data = _data(stack, kinds, sharpness)
-    whole = np.ones(len(stack.x), bool)
+    fixed = _fixed(given, stack, sharpness, knees or {})
+    on_lattice = ("curvature_moment",) if "kernel" in fixed else ()
+    model = CrossoverModel(kinds, _names(kinds, shared, beyond, sharpness is None), on_lattice)
+    data = _data(stack, fixed)
     begin = _start(model, data, start or {})
     found = solver.solve(model, begin, data)
     best = found.values
     refits = [
-        solver.solve(model, best, _data(drawn, kinds, sharpness))
+        solver.solve(model, best, _data(drawn, fixed))
         for drawn in stack.bootstrap(draws, np.random.default_rng(rng))
     ]
     good = np.array([bool(refit.success) for refit in refits])
     names, values, jacobian = solver.reported(model, best)
     spread = np.array([solver.reported(model, refit.values)[1] for refit in refits])
     covariance = _robust_covariance(spread[good])
-    variants = _variants(model, stack, kinds, sharpness, best, whole, jacobian)
+    variants = _variants(model, stack, data, best, jacobian)
     return Fit(
         model="crossover: " + ", ".join(kinds),
         values=dict(zip(names, values.tolist(), strict=True)),
@@ -191,23 +204,37 @@ def _names(
     for kind in kinds:
         names.append(f"log_amplitude[{kind}]")
         if fit_sharpness:
-            names.append(f"shape[{kind}]")
+            names.append(f"bluntness[{kind}]")
         if beyond == "free":
             names.append(f"beyond[{kind}]")
     return tuple(names)
 
 
-def _data(stack: Stack, kinds: tuple[str, ...], sharpness: float | None) -> dict[str, Any]:
-    waves = np.array([kind == "spectrum" for kind in kinds])[stack.measure]
+def _fixed(
+    curves: list[Curve], stack: Stack, sharpness: float | None, knees: Mapping[str, float]
+) -> dict[str, Any]:
+    """What the model needs that no draw changes."""
+    waves = np.array([curve.kind == "spectrum" for curve in curves])[stack.measure]
     log_x = np.log(stack.x)
-    ones = np.ones(len(stack.x))
-    return {
-        "log_y": stack.log_y,
+    fixed: dict[str, Any] = {
         "log_v": np.where(waves, np.log(np.pi) - log_x, log_x),
         "measure": stack.measure,
-        "whitening": stack.whitening(np.ones(len(stack.x), bool), ones),
-        "sharpness": 1.0 if sharpness is None else float(sharpness),
+        "bluntness": 1.0 if sharpness is None else 1 / float(sharpness),
+        "log_ratio": np.log([float(knees.get(curve.kind, 1.0)) for curve in curves]),
     }
+    for index, curve in enumerate(curves):
+        rows = stack.measure == index
+        if (found := curvature_kernel(curve, stack.x[rows])) is not None:
+            fixed["log_mode"], kernel = found
+            fixed["kernel"] = np.ones((len(stack.x), kernel.shape[1]))
+            fixed["kernel"][rows] = kernel
+    return fixed
+
+
+def _data(stack: Stack, fixed: dict[str, Any]) -> dict[str, Any]:
+    whole = np.ones(len(stack.x), bool)
+    whitening = stack.whitening(whole, np.ones(len(stack.x)))
+    return {**fixed, "log_y": stack.log_y, "whitening": whitening}
 
 
 def _start(
@@ -254,6 +281,8 @@ def _first_guess(name: str, alpha: float, log_xi: float) -> float:
         return alpha
     if name.startswith("log_xi"):
         return log_xi
+    if name.startswith("bluntness"):
+        return 0.4
     if name.startswith("beyond"):
         return float(BEYOND.get(name[7:-1], 0.0))
     return 0.0
@@ -269,18 +298,15 @@ def _robust_covariance(draws: np.ndarray) -> np.ndarray:
 def _variants(
     model: CrossoverModel,
     stack: Stack,
-    kinds: tuple[str, ...],
-    sharpness: float | None,
+    data: dict[str, Any],
     best: np.ndarray,
-    whole: Bool[np.ndarray, " point"],
     slopes: np.ndarray,
 ) -> list[tuple[str, Any, Any]]:
     """Refits without the smallest or the largest scales of every curve."""
-    data = _data(stack, kinds, sharpness)
     own = np.diag(solver.covariance(model, best, data))
     position, results = stack.position(), []
     for name, use in (("upper 4/5 of scales", position >= 0.2), ("lower 4/5", position <= 0.8)):
-        varied = {**data, "whitening": stack.whitening(use & whole, np.ones(len(stack.x)))}
+        varied = {**data, "whitening": stack.whitening(use, np.ones(len(stack.x)))}
         if use.sum() <= len(best):
             continue
         found = solver.solve(model, best, varied)
@@ -300,11 +326,6 @@ def _status(found: Solution, good: np.ndarray, values: dict[str, float], stack: 
             "sharpness, share alpha and xi, or add surfaces."
         )
     for name, value in values.items():
-        if name.startswith("sharpness") and not 1.02 * BLUNTEST < value < 0.98 * SHARPEST:
-            return (
-                f"{name} is at its bound: {value:.3g} of {BLUNTEST:g} to {SHARPEST:g}. The data do "
-                "not resolve the knee's shape: pass sharpness= (2 is a soft knee, 8 a hard one)."
-            )
         if name.startswith("xi") and not np.isfinite(value):
             return f"{name} is not finite: no knee. Use fit_power_law, or widen the window."
     return "converged"

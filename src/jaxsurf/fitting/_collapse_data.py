@@ -98,6 +98,8 @@ class Stack:
                 rows = rng.integers(surfaces, size=surfaces)
                 curves = tuple(curve.resample(rows) for curve in block.curves)
                 shift, covariance = self._drawn(block, curves)
+                if len(np.unique(rows)) < 3:  # of two surfaces every correlation is +-1
+                    covariance = block.covariance
                 log_y[block.rows] += shift * np.sqrt(surfaces / (surfaces - 1))
                 blocks.append(Block(block.curves, block.rows, covariance))
             yield Stack(self.x, log_y, self.size, self.measure, tuple(blocks))

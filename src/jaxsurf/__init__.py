@@ -14,6 +14,7 @@ from jaxsurf.fitting.joint import fit_joint as fit_joint
 from jaxsurf.fitting.power_law import fit_power_law as fit_power_law
 from jaxsurf.laws import SelfAffine as SelfAffine
 from jaxsurf.laws import WhiteNoise as WhiteNoise
+from jaxsurf.loops.levels import level_loops as level_loops
 from jaxsurf.loops.loops import Loops as Loops
 from jaxsurf.loops.trace import trace_loops as trace_loops
 from jaxsurf.measures.curvature import curvature_moment as curvature_moment

@@ -17,6 +17,7 @@ def made(length, radius, surface, *, surfaces=2, winding=None, sampling="points"
         is_open=np.zeros(count, bool),
         surface=np.array(surface),
         level=np.zeros(count),
+        weight=np.ones(count),
         surfaces=surfaces,
         shape=(64, 64),
         sampling=sampling,
@@ -41,12 +42,13 @@ def test_mean_length_by_hand():
 def test_ways_to_count_a_loop():
     # two loops of radius 2, lengths 8 and 12: per point 10, per loop weights 1/8 and 1/12
     points = made(LENGTH, RADIUS, SURFACE, winding=WINDING)
+    assert points.mean_length(per="point").samples[0, 1] == pytest.approx(10)
     assert points.mean_length(per="loop").samples[0, 1] == pytest.approx(2 / (1 / 8 + 1 / 12))
     levels = made(LENGTH, RADIUS, SURFACE, winding=WINDING, sampling="levels")
     assert levels.mean_length().samples[0, 1] == pytest.approx((64 + 144) / 20)
     assert levels.mean_length(per="loop").samples[0, 1] == pytest.approx(10)
-    with pytest.raises(ValueError, match="per must be one of .* got 'length'"):
-        points.mean_length(per="length")
+    with pytest.raises(ValueError, match="per must be one of .* got 'point'"):
+        levels.mean_length(per="point")
     with pytest.raises(ValueError, match="sampled by levels; got 'gradient'"):
         levels.length_tail(per="gradient")
 

@@ -3,72 +3,19 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from jaxsurf.loops import starts as starts_module
 from jaxsurf.loops import trace as trace_module
 from jaxsurf.loops import walk as walk_module
 from jaxsurf.loops.loops import Loops
-from jaxsurf.loops.maps import Maps
+from jaxsurf.loops.maps import Maps, seed_of
+from jaxsurf.loops.starts import draw_starts
 from jaxsurf.loops.trace import trace_loops
-
-STEPS = ((1, 0), (0, 1), (-1, 0), (0, -1))
-
-
-def corners(x, y):
-    return ((x, y), (x + 1, y), (x + 1, y + 1), (x, y + 1))
-
-
-def mean_height(h, x, y):
-    a, b, c, d = (h[i % h.shape[0], j % h.shape[1]] for i, j in corners(x, y))
-    return ((a + c) + (b + d)) * h.dtype.type(0.25)
-
-
-def bond(x, y, d, shape):
-    """The bond crossed on entering plaquette (x, y) in direction d, as two sites."""
-    pair = (corners(x, y)[(d + 3) % 4], corners(x, y)[d])
-    return frozenset((i % shape[0], j % shape[1]) for i, j in pair)
-
-
-def scalar_loop(h, level, x, y, d):
-    """Follow one loop, one plaquette at a time, by the rules as the paper words them.
-
-    Returns the unwrapped plaquettes, the first one not repeated, and the bonds crossed.
-    """
-
-    def above(i, j):
-        return h[i % h.shape[0], j % h.shape[1]] > level
-
-    path, bonds, start = [], [], (x % h.shape[0], y % h.shape[1], d)
-    while True:
-        path.append((x, y))
-        bonds.append(bond(x, y, d, h.shape))
-        sites = corners(x, y)
-        far_left, far_right = above(*sites[(d + 2) % 4]), above(*sites[(d + 1) % 4])
-        if far_left and not far_right:
-            turn = 0
-        elif not far_left and not far_right:
-            turn = 1
-        elif far_left and far_right:
-            turn = -1
-        else:  # a saddle: a centre above the level joins the sites above it
-            turn = -1 if mean_height(h, x, y) > level else 1
-        d = (d + turn) % 4
-        x, y = x + STEPS[d][0], y + STEPS[d][1]
-        if (x % h.shape[0], y % h.shape[1], d) == start:
-            return path + [(x, y)], bonds
-
-
-def summary(path, shape):
-    """Length, radius, area and winding of an unwrapped closed path."""
-    x, y = np.array(path).T
-    winding = ((x[-1] - x[0]) // shape[0], (y[-1] - y[0]) // shape[1])
-    radius = max(np.ptp(x), np.ptp(y))
-    area = int(np.sum(x[:-1] * np.diff(y))) if winding == (0, 0) else 0
-    return len(path) - 1, int(radius), area, *map(int, winding)
 
 
 def traced(h, points, rng, **options):
     """The loops of one map together with where they started."""
-    seed = trace_module.seed_of(rng)
-    starts, _, _ = trace_module._draw_starts(Maps(h[None], None, h.shape, 0, ()), points, seed)
+    seed = seed_of(rng)
+    starts = draw_starts(Maps(h[None], None, h.shape, 0, ()), points, seed).starts
     return trace_loops(h, points, rng=rng, **options), starts
 
 
@@ -83,7 +30,7 @@ def row(loops, k):
 
 
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])
-def test_agrees_with_a_scalar_tracer_loop_by_loop(dtype):
+def test_agrees_with_a_scalar_tracer_loop_by_loop(dtype, scalar):
     rng = np.random.default_rng(5)
     seen_saddle = seen_winding = 0
     for trial in range(150):
@@ -96,8 +43,8 @@ def test_agrees_with_a_scalar_tracer_loop_by_loop(dtype):
         loops, starts = traced(h.astype(dtype), 12, trial)
         for k in range(12):
             where = (starts.x[k], starts.y[k], starts.direction[k])
-            path, bonds = scalar_loop(h.astype(dtype), starts.level[k], *map(int, where))
-            assert row(loops, k) == summary(path, shape)
+            path, bonds, _ = scalar.loop(h.astype(dtype), starts.level[k], *map(int, where))
+            assert row(loops, k) == scalar.summary(path, shape)
             assert len(set(bonds)) == len(bonds), "a bond was crossed twice"
             seen_saddle += len({(x % shape[0], y % shape[1]) for x, y in path}) < len(path) - 1
             seen_winding += bool(loops.winding[k].any())
@@ -113,7 +60,7 @@ def ensemble(loops):
 def all_starts(h):
     """The loop through every plaquette that is no saddle at its own level: a set without chance."""
     x, y = np.divmod(np.arange(h.size), h.shape[1])
-    around = h.ravel()[trace_module._corner_sites(np.arange(h.size), *h.shape)]
+    around = h.ravel()[starts_module._corner_sites(np.arange(h.size), *h.shape)]
     level = walk_module.mean_height(*around)
     enter = np.roll(around > level, 1, 0) & (around <= level)
     plain = enter.sum(0) == 1
@@ -180,14 +127,14 @@ def test_same_loops_whatever_the_batch(monkeypatch):
     assert not np.array_equal(whole.length, trace_loops(h, 50, rng=4).length)
 
 
-def test_pairs_are_those_of_the_closed_loops_unwrapped():
+def test_pairs_are_those_of_the_closed_loops_unwrapped(scalar):
     h = np.random.default_rng(1).standard_normal((14, 11))
     h = h + np.roll(h, 1, 0) + np.roll(h, 1, 1)
     loops, starts = traced(h, 200, 7, correlation=True)
     assert loops.winding.any(), "the test must see loops whose points are taken back"
     expected = np.zeros(14, int)
     for k in np.flatnonzero(loops.closed):
-        path, _ = scalar_loop(h, starts.level[k], starts.x[k], starts.y[k], starts.direction[k])
+        path, _, _ = scalar.loop(h, starts.level[k], starts.x[k], starts.y[k], starts.direction[k])
         away = np.hypot(*(np.array(path[1:-1]) - path[0]).T)
         expected += np.bincount(away.astype(int)[(away >= 1) & (away < 14)], minlength=14)
     np.testing.assert_array_equal(loops.pairs[0], expected)

@@ -7,7 +7,7 @@ once. Exponents are the same, amplitudes are not.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -15,6 +15,9 @@ from jaxtyping import Bool, Float, Int
 
 if TYPE_CHECKING:
     from jaxsurf.curve import Curve
+
+
+_PER_LOOP = ("length", "radius", "area", "winding", "is_open", "surface", "level", "weight")
 
 
 @dataclass(frozen=True, repr=False)
@@ -27,7 +30,8 @@ class Loops:
     Attributes:
         length: steps of the loop, an even number of at least 4; for an open loop, the steps to the
             edge.
-        radius: the larger side of the smallest box around the unwrapped loop.
+        radius: the larger side of the smallest box around the unwrapped loop; 0 for loops that
+            wind, which no box holds.
         area: enclosed area, positive around a hill and negative around a pit; 0 for loops that wind
             or are open, which enclose none.
         winding: times the loop winds around a periodic map along x and y.
@@ -37,12 +41,19 @@ class Loops:
         surfaces: how many surfaces were searched.
         shape: sites of each map.
         spacing: lattice constant.
-        sampling: "points" or "levels".
+        weight: what the loop stands for. Of loops through points, the range of heights of the
+            start's plaquette times its strands; of level sets, the interval of height its level
+            stands for; of levels through points, how many of those points are on it.
+        sampling: "points", "levels" or "levels through points".
         boundary: "periodic" or "open".
         pairs: points at distance [r, r + 1) of the start, summed over the closed loops of each
             surface, r = 0 left out; None if they were not counted.
         redrawn: starting points drawn again because a height coincided with the level.
         notes: what was done to the heights, in words.
+        centroid: mean position of the loop's points, in units of length; None for traced loops.
+        vertices: plaquettes passed by each loop, end to end and unwrapped; None if not kept.
+        level_sets: of whole level sets, how many of each surface were searched.
+        plaquettes: of whole level sets, how many valid plaquettes each surface has.
     """
 
     length: Int[np.ndarray, " loop"]
@@ -52,6 +63,7 @@ class Loops:
     is_open: Bool[np.ndarray, " loop"]
     surface: Int[np.ndarray, " loop"]
     level: Float[np.ndarray, " loop"]
+    weight: Float[np.ndarray, " loop"]
     surfaces: int
     shape: tuple[int, int]
     spacing: float = 1.0
@@ -60,6 +72,10 @@ class Loops:
     pairs: Int[np.ndarray, "surface r"] | None = None
     redrawn: int = 0
     notes: tuple[str, ...] = field(default=())
+    centroid: Float[np.ndarray, "loop 2"] | None = None
+    vertices: Int[np.ndarray, "point 2"] | None = None
+    level_sets: Int[np.ndarray, " surface"] | None = None
+    plaquettes: Int[np.ndarray, " surface"] | None = None
 
     @property
     def closed(self) -> Bool[np.ndarray, " loop"]:
@@ -78,8 +94,38 @@ class Loops:
 
     def select(self, which: Bool[np.ndarray, " loop"] | Int[np.ndarray, " chosen"]) -> "Loops":
         """Some of the loops, by a boolean or index array; G(r) cannot be split and is dropped."""
-        names = ("length", "radius", "area", "winding", "is_open", "surface", "level")
-        return replace(self, pairs=None, **{name: getattr(self, name)[which] for name in names})
+        chosen = np.arange(len(self))[which]
+        kept = {name: getattr(self, name)[chosen] for name in _PER_LOOP}
+        if self.centroid is not None:
+            kept["centroid"] = self.centroid[chosen]
+        if self.vertices is not None:
+            length = self.length[chosen]
+            begin = np.repeat((np.cumsum(self.length) - self.length)[chosen], length)
+            within = np.arange(length.sum()) - np.repeat(np.cumsum(length) - length, length)
+            kept["vertices"] = self.vertices[begin + within]
+        return replace(self, pairs=None, **kept)
+
+    def path(self, index: int) -> Float[np.ndarray, "point 2"]:
+        """The points of one loop in order, in units of length, unwrapped; the first one repeated.
+
+        Site (i, j) of the map is at (i, j) times the spacing; a loop runs through the centres of
+        plaquettes. The repeated point of a winding loop is a period away, and pieces of open loops
+        have none.
+
+        Raises:
+            ValueError: paths were not kept.
+        """
+        if self.vertices is None:
+            raise ValueError(
+                "path needs the points of each loop; these loops have none. "
+                "Call level_loops with paths=True."
+            )
+        begin = int(self.length[:index].sum())
+        points = self.vertices[begin : begin + int(self.length[index])]
+        if not self.is_open[index]:
+            closing = points[:1] + self.winding[index] * np.array(self.shape)
+            points = np.concatenate([points, closing])
+        return (points + 0.5) * self.spacing
 
     @staticmethod
     def join(parts: "Sequence[Loops]") -> "Loops":
@@ -102,23 +148,22 @@ class Loops:
                         f"loops to join must share {name}; got {getattr(first, name)!r} and "
                         f"{getattr(other, name)!r}. Join only loops traced in one way."
                     )
-        arrays = {
-            f.name: np.concatenate([getattr(p, f.name) for p in parts])
-            for f in fields(Loops)
-            if isinstance(getattr(first, f.name), np.ndarray) and f.name not in ("surface", "pairs")
-        }
         offset = np.cumsum([0] + [p.surfaces for p in parts[:-1]])
         numbers = [p.surface + start for p, start in zip(parts, offset, strict=True)]
-        counted = [p.pairs for p in parts if p.pairs is not None]
         return replace(
-            first,
-            **arrays,
+            Loops.together(parts),
+            **{name: _joined(parts, name) for name in ("pairs", "level_sets", "plaquettes")},
             surface=np.concatenate(numbers),
             surfaces=sum(p.surfaces for p in parts),
-            pairs=np.concatenate(counted) if len(counted) == len(parts) else None,
             redrawn=sum(p.redrawn for p in parts),
             notes=tuple(dict.fromkeys(note for p in parts for note in p.notes)),
         )
+
+    @staticmethod
+    def together(parts: "Sequence[Loops]") -> "Loops":
+        """The loops of several level sets of the same surfaces."""
+        names = (*_PER_LOOP, "centroid", "vertices")
+        return replace(parts[0], **{name: _joined(parts, name) for name in names})
 
     def mean_length(self, **options: object) -> "Curve":
         """Mean length of loops of radius R; see `jaxsurf.loops.statistics.mean_length`."""
@@ -149,7 +194,9 @@ class Loops:
         return f"<table><caption>Loops</caption><tbody>{rows}</tbody></table>"
 
     def _summary(self) -> list[tuple[str, str]]:
-        how = {"points": "through random points", "levels": "of whole level sets"}[self.sampling]
+        how = {"points": "through random points", "levels": "of whole level sets"}.get(
+            self.sampling, "of the level sets through random points"
+        )
         closed = self.closed
         said = [
             ("loops", f"{len(self)} {how}"),
@@ -165,3 +212,11 @@ class Loops:
         if self.redrawn:
             said.append(("starts redrawn", str(self.redrawn)))
         return said + [("note", note) for note in self.notes]
+
+
+def _joined(parts: "Sequence[Loops]", name: str) -> np.ndarray | None:
+    """One array of all parts end to end; None if any of them lacks it."""
+    arrays = [getattr(p, name) for p in parts]
+    if len(arrays) == 1:
+        return arrays[0]
+    return None if any(each is None for each in arrays) else np.concatenate(arrays)

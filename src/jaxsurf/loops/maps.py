@@ -13,8 +13,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Num
 
+Heights = Num[Any, "*surface x y"] | Iterable[Num[Any, "*surface x y"]]
 SMALLEST_SIDE = 4
 BOUNDARIES = ("periodic", "open")
 DITHER = 1e-3  # standard deviation of the dither over the step of the heights
@@ -228,12 +229,12 @@ def _check_finite(heights: np.ndarray, valid: np.ndarray | None, first: int) -> 
 def _dithered(heights: np.ndarray, rng: np.random.Generator) -> tuple[np.ndarray, tuple[str, ...]]:
     """Heights as floats, with noise added to whole batches whose heights are steps of a ladder."""
     if heights.dtype.kind in "iu":
-        step, said = 1.0, "integer heights"
+        step, said = 1.0, "whole-number heights of an integer type"
     else:
         kept = heights.astype(np.float32) if heights.dtype.itemsize < 4 else heights
         if not (step := _ladder_step(kept)):
             return kept, ()
-        heights, said = kept, f"heights on a ladder of step {step:.4g}"
+        heights, said = kept, "whole-number heights"
     noise = rng.standard_normal(heights.shape)
     scale = DITHER * step
     return heights + scale * noise, (f"dithered {said}: Gaussian noise of {scale:.2g} added",)

@@ -51,8 +51,8 @@ def mean_length(loops: Loops, *, per: str | None = None, ratio: float = BIN_RATI
     cell = loops.surface[closed][inside] * len(scale) + bins[radius[inside]]
     size = loops.surfaces * len(scale)
     weight, length = weight[closed][inside], loops.length[closed][inside]
-    count = np.bincount(cell, weight, size).reshape(loops.surfaces, -1)
-    total = np.bincount(cell, weight * length, size).reshape(loops.surfaces, -1)
+    count = _summed(cell, weight, size).reshape(loops.surfaces, -1)
+    total = _summed(cell, weight * length, size).reshape(loops.surfaces, -1)
     samples = total / np.where(count > 0, count, 1.0) * loops.spacing
     unit = _unit(loops)
     return Curve(
@@ -92,7 +92,7 @@ def length_tail(loops: Loops, *, per: str | None = None, ratio: float = BIN_RATI
     cell = np.searchsorted(scale, loops.length[closed])  # how many of the s are exceeded
     cell += loops.surface[closed] * (len(scale) + 1)
     size = loops.surfaces * (len(scale) + 1)
-    count = np.bincount(cell, weight[closed], size).reshape(loops.surfaces, -1)
+    count = _summed(cell, weight[closed], size).reshape(loops.surfaces, -1)
     total = count.sum(1, keepdims=True)
     longer = total - np.cumsum(count, 1)[:, :-1]
     samples = np.maximum(longer, 0.0) / np.where(total > 0, total, 1.0)
@@ -151,21 +151,28 @@ def correlation(loops: Loops, *, ratio: float = BIN_RATIO) -> Curve:
 
 def _weights(loops: Loops, per: str | None) -> tuple[np.ndarray, str]:
     """What each loop counts for, given how it was found and what is to count once."""
-    per = per or {"points": "point", "levels": "length"}[loops.sampling]
+    per = per or ("length" if loops.sampling == "levels" else "point")
     length = np.maximum(loops.length, 1).astype(float)
     weights = {
         ("points", "point"): np.ones_like(length),
-        ("points", "loop"): 1 / length,
-        ("levels", "length"): length,
-        ("levels", "loop"): np.ones_like(length),
+        ("points", "length"): loops.weight,
+        ("points", "loop"): loops.weight / length,
+        ("levels", "length"): loops.weight * length,
+        ("levels", "loop"): loops.weight,
+        ("levels through points", "point"): loops.weight,
     }
     if (loops.sampling, per) not in weights:
         allowed = sorted(p for s, p in weights if s == loops.sampling)
         raise ValueError(
             f"per must be one of {allowed} for loops sampled by {loops.sampling}; got {per!r}. "
-            "Use level_loops for whole level sets, trace_loops for random points."
+            "Use trace_loops, or level_loops with another placement of the levels."
         )
     return weights[loops.sampling, per], per
+
+
+def _summed(cell: np.ndarray, weight: np.ndarray, size: int) -> np.ndarray:
+    """The weight in each cell, as floats even where there is none at all."""
+    return np.bincount(cell, weight, size).astype(float)
 
 
 def _details(loops: Loops, per: str) -> tuple[tuple[str, Any], ...]:

@@ -141,7 +141,7 @@ def walk(
         if len(ended):
             done = walkers.number[ended]
             found.length[done] = walkers.steps[ended] + last
-            found.radius[done] = walkers.box.size[ended]
+            found.radius[done] = np.where(winding.any(1), 0, walkers.box.size[ended])
             found.winding[done] = winding
             found.is_open[done] = is_open
             found.area[done] = np.where(is_open | winding.any(1), 0, walkers.area[ended])

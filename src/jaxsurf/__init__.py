@@ -12,6 +12,9 @@ from jaxsurf.fitting.crossover import fit_crossover as fit_crossover
 from jaxsurf.fitting.fit import Fit as Fit
 from jaxsurf.fitting.joint import fit_joint as fit_joint
 from jaxsurf.fitting.power_law import fit_power_law as fit_power_law
+from jaxsurf.io.heightmap import HeightMap as HeightMap
+from jaxsurf.io.levelling import level as level
+from jaxsurf.io.readers import read_heights as read_heights
 from jaxsurf.laws import SelfAffine as SelfAffine
 from jaxsurf.laws import WhiteNoise as WhiteNoise
 from jaxsurf.loops.levels import level_loops as level_loops

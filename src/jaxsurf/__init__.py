@@ -20,6 +20,7 @@ from jaxsurf.laws import WhiteNoise as WhiteNoise
 from jaxsurf.loops.levels import level_loops as level_loops
 from jaxsurf.loops.loops import Loops as Loops
 from jaxsurf.loops.trace import trace_loops as trace_loops
+from jaxsurf.measures.bands import spectrum_band as spectrum_band
 from jaxsurf.measures.curvature import curvature_moment as curvature_moment
 from jaxsurf.measures.curvature import curvature_ratio as curvature_ratio
 from jaxsurf.measures.curvature import curvature_skewness as curvature_skewness
@@ -27,6 +28,13 @@ from jaxsurf.measures.differences import height_correlation as height_correlatio
 from jaxsurf.measures.differences import height_correlation_map as height_correlation_map
 from jaxsurf.measures.fourier import directional_spectrum as directional_spectrum
 from jaxsurf.measures.fourier import power_spectrum as power_spectrum
+from jaxsurf.measures.fourier import power_spectrum_map as power_spectrum_map
+from jaxsurf.measures.lines import line_spectrum as line_spectrum
+from jaxsurf.measures.lines import line_variance as line_variance
+from jaxsurf.measures.patches import patch_moment as patch_moment
+from jaxsurf.measures.patches import patch_skewness as patch_skewness
+from jaxsurf.measures.smoothing import smoothed_moment as smoothed_moment
+from jaxsurf.measures.smoothing import smoothed_skewness as smoothed_skewness
 from jaxsurf.surfaces.gaussian import sample as sample
 from jaxsurf.surfaces.linear_growth import LinearGrowth as LinearGrowth
 from jaxsurf.surfaces.linear_growth import grow_linear as grow_linear

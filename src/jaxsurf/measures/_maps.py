@@ -57,17 +57,26 @@ def read(
     Heights of missing sites come back as zero, so that no NaN can spread from them.
     """
     check_heights(heights, mask=mask, constant=constant)
-    check_choice("boundary", boundary, BOUNDARIES)
-    check_spacing(spacing)
-    kind = np.dtype(heights.dtype)
-    exact = kind.kind in "iu" or kind.itemsize < 4  # whole numbers and half precision widen
-    maps = jnp.asarray(heights, jnp.zeros(()).dtype if exact else None)
+    check_common(boundary, spacing)
+    maps = jnp.asarray(heights, dtype_for(heights))
     shape = (-1, *maps.shape[-2:])
     if mask is None:
         return maps.reshape(shape), None
     valid = jnp.broadcast_to(jnp.asarray(mask), maps.shape).reshape(shape)
     maps = maps.reshape(shape)
     return jnp.where(valid, maps, jnp.zeros_like(maps)), valid
+
+
+def check_common(boundary: str, spacing: Any) -> None:
+    """Raise unless the boundary is known and the spacing positive."""
+    check_choice("boundary", boundary, BOUNDARIES)
+    check_spacing(spacing)
+
+
+def dtype_for(heights: Any) -> Any:
+    """The dtype to measure in: the heights' own, but whole numbers and half precision widen."""
+    kind = np.dtype(heights.dtype)
+    return jnp.zeros(()).dtype if kind.kind in "iu" or kind.itemsize < 4 else None
 
 
 def check_scales(name: str, scales: Any, *, low: int, high: int, limit: str) -> np.ndarray | Array:

@@ -16,7 +16,7 @@ Source: the paper's Sec. II B, Eq. (power); Sec. V B, Fig. 16.
 """
 
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -34,6 +34,14 @@ from jaxsurf.measures._levelling import (
     levelled_and_windowed,
 )
 from jaxsurf.measures._maps import Heights, Units
+
+
+class SpectrumMap(NamedTuple):
+    """S over the whole zone: q_x and q_y ascending, in 1/length, and the values `[..., x, y]`."""
+
+    q_x: Any
+    q_y: Any
+    values: Any
 
 
 @jax.jit
@@ -168,6 +176,45 @@ def directional_spectrum(
             details=(("direction", direction), *details),
         )
     return curves
+
+
+@_maps.in_their_own_dtype
+def power_spectrum_map(
+    heights: Heights,
+    *,
+    spacing: float = 1.0,
+    boundary: str = "periodic",
+    window: str | None = None,
+    mask: Any = None,
+) -> SpectrumMap:
+    r"""Spectrum S(q) at every wave number of the zone: is the surface isotropic?
+
+    $$S(q) = |\tilde h(q)|^2 / A$$
+
+    Arguments:
+        heights: maps `[..., x, y]`; the dtype is kept.
+        spacing: lattice constant.
+        boundary: "periodic", or "open": levelled and windowed as in `power_spectrum`.
+        window: of an open map: "hann" (if None), "hamming", "blackman" or "none".
+        mask: true on valid sites.
+
+    Returns:
+        A `SpectrumMap`, q = 0 in the middle, in height^2 length^2; differentiable in the heights.
+
+    Raises:
+        TypeError: heights or mask of the wrong kind.
+        ValueError: an unknown boundary or window; heights not finite.
+
+    Source: Eq. (power), with the factor 1/A.
+    """
+    maps, valid = _maps.read(heights, mask, boundary=boundary, spacing=spacing)
+    shape = (maps.shape[-2], maps.shape[-1])
+    half = density(_prepared(maps, valid, boundary, window)) * spacing**2
+    # S(-q) = S(q): the columns q_y < 0 are mirror images of those that `rfft2` keeps.
+    mirrored = jnp.roll(half[:, ::-1, 1 : (shape[1] + 1) // 2][:, :, ::-1], 1, 1)
+    full = jnp.fft.fftshift(jnp.concatenate([half, mirrored], -1), (-2, -1))
+    q_x, q_y = (2 * np.pi * np.fft.fftshift(np.fft.fftfreq(n, spacing)) for n in shape)
+    return SpectrumMap(q_x, q_y, full.reshape(heights.shape))
 
 
 def _line_modes(shape: tuple[int, int]) -> dict[str, tuple[np.ndarray, np.ndarray]]:

@@ -98,6 +98,8 @@ def fit_collapse(
     if correction is not None and omega is None:
         values.setdefault("omega", 1.0)
     begin = np.array([float(value) for value in values.values()])
+    if not np.all(np.isfinite(begin)):
+        raise ValueError(f"starting values must be finite; got {values}. Pass other ones.")
     stack = stack_curves(measures, window)
     whole = np.ones(len(stack.x), bool)
     transforms = tuple(form.transform for form in forms)

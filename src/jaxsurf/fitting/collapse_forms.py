@@ -10,6 +10,7 @@ With time in place of size, L stands for $t^{1/z}$ (Eq. dynamical) and z is fitt
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 from jaxsurf import theory
@@ -42,24 +43,33 @@ class Ansatz:
                 f"share_alpha needs an ansatz that knows its exponents as functions of alpha; got "
                 f"{self.name!r}. Pass Ansatz(..., of_alpha=...) or share_alpha=False."
             )
-        of_alpha, inner = self.of_alpha, self.transform
-        tied = dict(of_alpha(0.4))
-        free = tuple(pair for pair in self.start if pair[0] not in (*tied, "alpha"))
-
-        def transform(x: Any, y: Any, size: Any, values: Mapping[str, Any]) -> tuple[Any, Any]:
-            return inner(x, y, size, {**values, **of_alpha(values["alpha"])})
-
-        return Ansatz(f"{self.name}, alpha shared", (("alpha", 0.4), *free), transform)
+        return _sharing_alpha(self, self.of_alpha)
 
     def in_time(self) -> "Ansatz":
         """The same form with t^(1/z) in place of L."""
-        inner = self.transform
+        return _in_time(self)
 
-        def transform(x: Any, y: Any, time: Any, values: Mapping[str, Any]) -> tuple[Any, Any]:
-            return inner(x, y, time ** (1 / values["z"]), values)
 
-        of_alpha = self.of_alpha
-        return Ansatz(f"{self.name} in time", (*self.start, ("z", 2.0)), transform, of_alpha)
+@lru_cache(maxsize=64)  # one function object a form, so that it is compiled once
+def _sharing_alpha(form: Ansatz, of_alpha: Callable[[Any], Mapping[str, Any]]) -> Ansatz:
+    inner = form.transform
+    tied = dict(of_alpha(0.4))
+    free = tuple(pair for pair in form.start if pair[0] not in (*tied, "alpha"))
+
+    def transform(x: Any, y: Any, size: Any, values: Mapping[str, Any]) -> tuple[Any, Any]:
+        return inner(x, y, size, {**values, **of_alpha(values["alpha"])})
+
+    return Ansatz(f"{form.name}, alpha shared", (("alpha", 0.4), *free), transform)
+
+
+@lru_cache(maxsize=64)
+def _in_time(form: Ansatz) -> Ansatz:
+    inner = form.transform
+
+    def transform(x: Any, y: Any, time: Any, values: Mapping[str, Any]) -> tuple[Any, Any]:
+        return inner(x, y, time ** (1 / values["z"]), values)
+
+    return Ansatz(f"{form.name} in time", (*form.start, ("z", 2.0)), transform, form.of_alpha)
 
 
 def _mean_length(x: Any, y: Any, size: Any, p: Mapping[str, Any]) -> tuple[Any, Any]:

@@ -17,8 +17,13 @@ from jaxsurf.io.levelling import level as level
 from jaxsurf.io.readers import read_heights as read_heights
 from jaxsurf.laws import SelfAffine as SelfAffine
 from jaxsurf.laws import WhiteNoise as WhiteNoise
+from jaxsurf.loops.areas import area_distribution as area_distribution
+from jaxsurf.loops.areas import area_tail as area_tail
+from jaxsurf.loops.areas import perimeter_of_area as perimeter_of_area
 from jaxsurf.loops.levels import level_loops as level_loops
 from jaxsurf.loops.loops import Loops as Loops
+from jaxsurf.loops.pairs import all_pairs_correlation as all_pairs_correlation
+from jaxsurf.loops.statistics import open_share as open_share
 from jaxsurf.loops.trace import trace_loops as trace_loops
 from jaxsurf.measures.bands import spectrum_band as spectrum_band
 from jaxsurf.measures.curvature import curvature_moment as curvature_moment

@@ -35,6 +35,10 @@ SYMBOLS: dict[str, tuple[str, str]] = {
     "mean_length": (r"$R$", r"$\langle s \rangle(R)$"),
     "length_tail": (r"$s$", r"$P_>(s)$"),
     "loop_correlation": (r"$r$", r"$G(r)$"),
+    "open_share": (r"$R$", r"open share"),
+    "area_tail": (r"$A$", r"$N(>A)$"),
+    "area_distribution": (r"$A$", r"$n(A)$"),
+    "perimeter_of_area": (r"$A$", r"$\langle s \rangle(A)$"),
 }
 
 Values = Float[Array | np.ndarray, "*stack surface scale"]

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from jaxsurf.loops.loops import Loops
-from jaxsurf.loops.statistics import _shell_bins, _whole_number_bins, correlation
+from jaxsurf.loops.statistics import correlation, shell_bins, whole_number_bins
 from jaxsurf.loops.trace import trace_loops
 
 
@@ -76,7 +76,7 @@ def test_power_law_tail_is_unbiased_at_small_s():
 
 
 def test_bins_hold_each_whole_number_once():
-    bins, scale = _whole_number_bins(300, 1.1)
+    bins, scale = whole_number_bins(300, 1.1)
     assert bins[0] == -1
     assert np.all(np.diff(bins[1:]) >= 0)
     assert np.array_equal(np.unique(bins[1:]), np.arange(len(scale)))
@@ -84,7 +84,7 @@ def test_bins_hold_each_whole_number_once():
 
 
 def test_shells_hold_each_lattice_site_once():
-    bins, scale, sites = _shell_bins(40, 1.1)
+    bins, scale, sites = shell_bins(40, 1.1)
     side = np.arange(-41, 42)
     away = np.hypot(side[:, None], side[None, :])
     assert sites.sum() == np.count_nonzero((away >= 1) & (away < 40))
@@ -102,7 +102,7 @@ def test_correlation_by_hand():
     curve = made(LENGTH, RADIUS, SURFACE, winding=WINDING, pairs=pairs).correlation()
     # 8 sites at distance [1, 2), 16 in [2, 3); starts that count: 3 and 1
     np.testing.assert_allclose(curve.samples[:, 0], [16 / 8 / 3, 24 / 8 / 1])
-    assert curve.samples[1, 1] == pytest.approx(6 / _shell_bins(64, 1.1)[2][1])
+    assert curve.samples[1, 1] == pytest.approx(6 / shell_bins(64, 1.1)[2][1])
     np.testing.assert_allclose(curve.weights[:, 0], [3, 1])
     with pytest.raises(ValueError, match="correlation=True"):
         correlation(made(LENGTH, RADIUS, SURFACE))

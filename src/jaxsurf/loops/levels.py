@@ -55,7 +55,7 @@ def level_loops(
     rng: np.random.Generator | int = 0,
     boundary: str = "periodic",
     mask: Bool[Any, "*surface x y"] | None = None,
-    spacing: float = 1.0,
+    spacing: float | int = 1.0,
     paths: bool = False,
 ) -> Loops:
     """Find every loop of whole level sets of each surface.

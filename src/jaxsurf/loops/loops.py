@@ -105,7 +105,7 @@ class Loops:
             kept["vertices"] = self.vertices[begin + within]
         return replace(self, pairs=None, **kept)
 
-    def path(self, index: int) -> Float[np.ndarray, "point 2"]:
+    def path(self, index: int | np.integer) -> Float[np.ndarray, "point 2"]:
         """The points of one loop in order, in units of length, unwrapped; the first one repeated.
 
         Site (i, j) of the map is at (i, j) times the spacing; a loop runs through the centres of
@@ -178,10 +178,16 @@ class Loops:
         return statistics.length_tail(self, **options)  # pyright: ignore[reportArgumentType]
 
     def correlation(self, **options: object) -> "Curve":
-        """Chance that a point at distance r is on the loop; see `statistics.correlation`."""
-        from jaxsurf.loops import statistics
+        """Chance that a site at distance r is on the loop.
 
-        return statistics.correlation(self, **options)  # pyright: ignore[reportArgumentType]
+        From the pairs counted along traced loops, see `statistics.correlation`, or from all pairs
+        of whole level sets, see `pairs.all_pairs_correlation`.
+        """
+        from jaxsurf.loops import pairs, statistics
+
+        if self.sampling == "points":
+            return statistics.correlation(self, **options)  # pyright: ignore[reportArgumentType]
+        return pairs.all_pairs_correlation(self, **options)  # pyright: ignore[reportArgumentType]
 
     def __len__(self) -> int:
         return len(self.length)

@@ -27,7 +27,13 @@ from jaxsurf.loops.loops import Loops
 BIN_RATIO = 1.1
 
 
-def mean_length(loops: Loops, *, per: str | None = None, ratio: float = BIN_RATIO) -> Curve:
+def mean_length(
+    loops: Loops,
+    *,
+    per: str | None = None,
+    edge_correction: bool = False,
+    ratio: float = BIN_RATIO,
+) -> Curve:
     r"""Mean length of loops of radius R, in logarithmic bins of the whole numbers R.
 
     $$\langle s \rangle(R) \sim R^{D_f}, \qquad D_f = (3 - \alpha)/2$$
@@ -36,6 +42,8 @@ def mean_length(loops: Loops, *, per: str | None = None, ratio: float = BIN_RATI
         loops: the loops of one or more surfaces.
         per: what an average counts once, "point", "length" or "loop"; by default "point" for loops
             through random points and "length" for whole level sets.
+        edge_correction: on an open map, count each loop for the places it would have fitted in on
+            an endless one: 1 over (1 - R/L) squared.
         ratio: upper over lower edge of a bin.
 
     Returns:
@@ -43,9 +51,10 @@ def mean_length(loops: Loops, *, per: str | None = None, ratio: float = BIN_RATI
 
     Source: the paper's Eq. (Ds-R).
     """
-    weight, per = _weights(loops, per)
+    weight, per = loop_weights(loops, per)
+    weight = _refitted(loops, weight) if edge_correction else weight
     closed = loops.closed
-    bins, scale = _whole_number_bins(max(loops.shape), ratio)
+    bins, scale = whole_number_bins(max(loops.shape), ratio)
     radius = loops.radius[closed]
     inside = radius < len(bins)
     cell = loops.surface[closed][inside] * len(scale) + bins[radius[inside]]
@@ -54,18 +63,24 @@ def mean_length(loops: Loops, *, per: str | None = None, ratio: float = BIN_RATI
     count = _summed(cell, weight, size).reshape(loops.surfaces, -1)
     total = _summed(cell, weight * length, size).reshape(loops.surfaces, -1)
     samples = total / np.where(count > 0, count, 1.0) * loops.spacing
-    unit = _unit(loops)
+    unit = length_unit(loops)
     return Curve(
         "mean_length",
         scale * loops.spacing,
         samples,
         count,
         units=(unit, unit),
-        details=_details(loops, per),
+        details=curve_details(loops, per),
     )
 
 
-def length_tail(loops: Loops, *, per: str | None = None, ratio: float = BIN_RATIO) -> Curve:
+def length_tail(
+    loops: Loops,
+    *,
+    per: str | None = None,
+    edge_correction: bool = False,
+    ratio: float = BIN_RATIO,
+) -> Curve:
     r"""Share of points whose loop is longer than s.
 
     $$P_>(s) = \sum_{s' > s} P(s') \sim s^{-(\tau - 2)}, \qquad \tau - 1 = (4 - 2\alpha)/(3 -
@@ -77,6 +92,7 @@ def length_tail(loops: Loops, *, per: str | None = None, ratio: float = BIN_RATI
     Arguments:
         loops: the loops of one or more surfaces.
         per: as for `mean_length`; with "loop" the tail is that of the loops, s^-(tau - 1).
+        edge_correction: as for `mean_length`.
         ratio: of successive values of s.
 
     Returns:
@@ -84,7 +100,8 @@ def length_tail(loops: Loops, *, per: str | None = None, ratio: float = BIN_RATI
 
     Source: the paper's Eqs. (PS) and (taudef).
     """
-    weight, per = _weights(loops, per)
+    weight, per = loop_weights(loops, per)
+    weight = _refitted(loops, weight) if edge_correction else weight
     closed = loops.closed
     longest = loops.shape[0] * loops.shape[1]
     steps = int(np.log(longest / 5) / np.log(ratio)) + 1
@@ -101,8 +118,8 @@ def length_tail(loops: Loops, *, per: str | None = None, ratio: float = BIN_RATI
         scale * loops.spacing,
         samples,
         np.broadcast_to(total, samples.shape).copy(),
-        units=(_unit(loops), "1"),
-        details=_details(loops, per),
+        units=(length_unit(loops), "1"),
+        details=curve_details(loops, per),
     )
 
 
@@ -132,7 +149,7 @@ def correlation(loops: Loops, *, ratio: float = BIN_RATIO) -> Curve:
             "correlation needs the pairs counted during tracing; these loops have none. "
             "Trace with correlation=True; selected loops lose them."
         )
-    bins, scale, sites = _shell_bins(loops.pairs.shape[1], ratio)
+    bins, scale, sites = shell_bins(loops.pairs.shape[1], ratio)
     counted = np.zeros((loops.surfaces, len(scale)))
     np.add.at(counted.T, bins, loops.pairs[:, 1:].T)
     starts = np.bincount(loops.surface[loops.closed], minlength=loops.surfaces).astype(float)[
@@ -144,12 +161,12 @@ def correlation(loops: Loops, *, ratio: float = BIN_RATIO) -> Curve:
         scale * loops.spacing,
         samples,
         np.broadcast_to(starts, samples.shape).copy(),
-        units=(_unit(loops), "1"),
-        details=_details(loops, "point"),
+        units=(length_unit(loops), "1"),
+        details=curve_details(loops, "point"),
     )
 
 
-def _weights(loops: Loops, per: str | None) -> tuple[np.ndarray, str]:
+def loop_weights(loops: Loops, per: str | None) -> tuple[np.ndarray, str]:
     """What each loop counts for, given how it was found and what is to count once."""
     per = per or ("length" if loops.sampling == "levels" else "point")
     length = np.maximum(loops.length, 1).astype(float)
@@ -175,17 +192,70 @@ def _summed(cell: np.ndarray, weight: np.ndarray, size: int) -> np.ndarray:
     return np.bincount(cell, weight, size).astype(float)
 
 
-def _details(loops: Loops, per: str) -> tuple[tuple[str, Any], ...]:
+def open_share(loops: Loops, *, ratio: float = BIN_RATIO) -> Curve:
+    r"""The share of contour length in pieces cut by edges or invalid sites, by their radius.
+
+    $$\sum_{\text{open}} s \Big/ \sum_{\text{all}} s \quad \text{at each } R$$
+
+    This is what the statistics of closed loops leave out; where it is large they are biased towards
+    the loops that happened to fit.
+
+    Arguments:
+        loops: whole level sets of open or masked maps.
+        ratio: upper over lower edge of a bin.
+
+    Returns:
+        A `Curve` over R, weighted by contour length.
+
+    Raises:
+        ValueError: loops through points, whose open pieces are walked in part only.
+    """
+    if loops.sampling == "points":
+        raise ValueError(
+            "open_share needs whole level sets; these are loops through points, walked only as far "
+            "as the first edge. Use level_loops, or Loops.share_open for the share of starts."
+        )
+    bins, scale = whole_number_bins(max(loops.shape), ratio)
+    kept = (loops.radius > 0) & (loops.radius < len(bins))
+    cell = loops.surface[kept] * len(scale) + bins[loops.radius[kept]]
+    length = (loops.weight * loops.length)[kept]
+    size = loops.surfaces * len(scale)
+    count = _summed(cell, length, size).reshape(loops.surfaces, -1)
+    cut = _summed(cell, length * loops.is_open[kept], size).reshape(loops.surfaces, -1)
+    return Curve(
+        "open_share",
+        scale * loops.spacing,
+        cut / np.where(count > 0, count, 1.0),
+        count,
+        units=(length_unit(loops), "1"),
+        details=curve_details(loops, "length"),
+    )
+
+
+def _refitted(loops: Loops, weight: np.ndarray) -> np.ndarray:
+    """Weights divided by the share of positions in which a loop of that radius fits on the map."""
+    if loops.boundary != "open":
+        raise ValueError(
+            "edge_correction is for open maps; these loops are of a periodic one, where all fit. "
+            "Leave it out, or trace with boundary='open'."
+        )
+    fits = np.prod([1 - loops.radius / (side - 1) for side in loops.shape], axis=0)
+    return weight / np.where(loops.closed, fits, 1.0)
+
+
+def curve_details(loops: Loops, per: str) -> tuple[tuple[str, Any], ...]:
+    """What every curve of loops says of itself."""
     side = min(loops.shape) * loops.spacing
     return (("side", side), ("sampling", loops.sampling), ("per", per))
 
 
-def _unit(loops: Loops) -> str:
+def length_unit(loops: Loops) -> str:
+    """The unit of lengths: sites, or that of the spacing."""
     return "sites" if loops.spacing == 1.0 else "length"
 
 
 @lru_cache(maxsize=64)
-def _whole_number_bins(largest: int, ratio: float) -> tuple[np.ndarray, np.ndarray]:
+def whole_number_bins(largest: int, ratio: float) -> tuple[np.ndarray, np.ndarray]:
     """The bin of each whole number 0 ... largest (0 has none: -1), and the geometric means."""
     numbers = np.arange(1, largest + 1)
     raw = np.floor(np.log(numbers) / np.log(ratio) + 1e-9).astype(int)
@@ -195,13 +265,13 @@ def _whole_number_bins(largest: int, ratio: float) -> tuple[np.ndarray, np.ndarr
 
 
 @lru_cache(maxsize=64)
-def _shell_bins(shells: int, ratio: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def shell_bins(shells: int, ratio: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """The bin of each shell [r, r + 1) for r = 1 ... shells - 1, scales and sites of the bins."""
     side = np.arange(-shells, shells + 1)
     distance = np.hypot(side[:, None], side[None, :]).ravel()
     distance = distance[(distance >= 1) & (distance < shells)]
     shell = distance.astype(int)
-    bins = _whole_number_bins(shells - 1, ratio)[0][1:]
+    bins = whole_number_bins(shells - 1, ratio)[0][1:]
     sites = np.bincount(bins[shell - 1])
     scale = np.exp(np.bincount(bins[shell - 1], np.log(distance)) / sites)
     return bins, scale, sites

@@ -42,7 +42,7 @@ def trace_loops(
     correlation: bool = False,
     boundary: str = "periodic",
     mask: Bool[Any, "*surface x y"] | None = None,
-    spacing: float = 1.0,
+    spacing: float | int = 1.0,
 ) -> Loops:
     r"""Trace the contour loop through each of many random points of each surface.
 

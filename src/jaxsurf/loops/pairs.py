@@ -1,0 +1,143 @@
+r"""G(r) from all pairs of points of every loop.
+
+A traced loop gives the distances from one of its points. A whole level set holds all pairs, far
+more than can be counted one by one; but not more than one Fourier transform can hold. Give each
+loop an independent random sign and put the signed visits of its points on the dual lattice,
+
+$$f(x) = \sum_\ell \sigma_\ell\, n_\ell(x), \qquad
+\langle f * f \rangle_\sigma (r) = \sum_\ell \sum_x n_\ell(x)\, n_\ell(x + r) ,$$
+
+for the cross terms vanish in expectation. The autocorrelation of each draw costs one transform, and
+is free of bias at distances below half the map; its noise shows in the scatter between surfaces.
+
+Distances are those on the torus. On an open map the field is padded, and pairs are counted against
+those that fit on the map.
+
+NumPy alone, but for the `Curve` it returns.
+"""
+
+import numpy as np
+
+from jaxsurf.curve import Curve
+from jaxsurf.loops.loops import Loops
+from jaxsurf.loops.maps import check_count, seed_of
+from jaxsurf.loops.statistics import BIN_RATIO, curve_details, loop_weights, shell_bins
+
+
+def all_pairs_correlation(
+    loops: Loops,
+    *,
+    draws: int = 4,
+    rng: np.random.Generator | int = 0,
+    lengths: tuple[float | int, float | int] | None = None,
+    per: str | None = None,
+    ratio: float = BIN_RATIO,
+) -> Curve:
+    r"""Chance that a site at distance r of a point of a loop is on that loop, over all pairs.
+
+    $$G(r) = \frac{\sum_\ell w_\ell\, g_\ell(r) / s_\ell}{n(r) \sum_\ell w_\ell} \sim r^{-2x_l}$$
+
+    with g the pairs of points at distance [r, r + 1) on a loop of length s and n(r) the sites
+    there. Of loops in a narrow range of lengths it is the paper's $G_s(r) \sim r^{-a}$ of a single
+    loop.
+
+    Arguments:
+        loops: from `level_loops(..., paths=True)`.
+        draws: random signs drawn for each loop; the noise of the cross terms falls as their root.
+        rng: a Generator, or the seed of one.
+        lengths: keep loops with lengths in this range, in units of length.
+        per: what an average counts once, as for `mean_length`.
+        ratio: outer over inner edge of a bin.
+
+    Returns:
+        A `Curve` over r < L/2, each surface weighted by the weight of its loops. Its errors, from
+        the scatter between surfaces, hold the noise of the signs too.
+
+    Raises:
+        ValueError: paths were not kept, the map has masked sites, no draws.
+
+    Source: the paper's Eq. (loopcorr), all pairs instead of those with one start.
+    """
+    draws = check_count("draws", draws)
+    if loops.vertices is None:
+        raise ValueError(
+            "correlation needs the points of each loop; these loops have none. "
+            "Call level_loops with paths=True, or trace_loops with correlation=True."
+        )
+    is_open = loops.boundary == "open"
+    sides = loops.shape[0] - is_open, loops.shape[1] - is_open
+    if loops.plaquettes is not None and np.any(loops.plaquettes != sides[0] * sides[1]):
+        raise ValueError(
+            "correlation of all pairs needs maps without masked sites; some plaquettes are masked. "
+            "Crop the map, or trace_loops with correlation=True."
+        )
+    kept = loops.closed
+    if lengths is not None:
+        low, high = lengths
+        kept &= (loops.length * loops.spacing >= low) & (loops.length * loops.spacing <= high)
+    chosen = loops.select(kept)
+    weight, per = loop_weights(chosen, per)
+    label = np.repeat(np.arange(len(chosen)), chosen.length)
+    x, y = (chosen.vertices % np.array(loops.shape)).T if len(chosen) else np.zeros((2, 0), int)
+    grid = (2 * sides[0], 2 * sides[1]) if is_open else sides
+    cell = x * grid[1] + y
+    amplitude = np.sqrt(weight / chosen.length)
+    begin = np.searchsorted(chosen.surface[label], np.arange(loops.surfaces + 1))
+    bins, scale, sites = shell_bins(min(sides) // 2, ratio)
+    samples, totals = np.zeros((2, loops.surfaces, len(scale)))
+    seeds = np.random.SeedSequence(seed_of(rng)).spawn(loops.surfaces)
+    for surface in range(loops.surfaces):  # one transform at a time: the memory is that of one map
+        part = slice(begin[surface], begin[surface + 1])
+        if part.start == part.stop:
+            continue
+        signs = _signs(np.random.default_rng(seeds[surface]), label[part], draws)
+        pairs = _autocorrelation(cell[part], signs * amplitude[label[part]], grid)
+        if is_open:
+            fits = _fitting(cell[part], (amplitude**2)[label[part]], sides, grid)
+        else:
+            fits = np.full(grid, weight[chosen.surface == surface].sum())
+        samples[surface] = _in_shells(pairs, bins) / _in_shells(fits, bins)
+        totals[surface] = weight[chosen.surface == surface].sum()
+    return Curve(
+        "loop_correlation",
+        scale * loops.spacing,
+        samples,
+        totals,
+        units=("sites" if loops.spacing == 1.0 else "length", "1"),
+        details=curve_details(loops, per),
+    )
+
+
+def _signs(rng: np.random.Generator, label: np.ndarray, draws: int) -> np.ndarray:
+    """Random signs [draw, point], the same along each loop."""
+    loop = label - label[0]
+    return (2.0 * rng.integers(0, 2, (draws, loop[-1] + 1)) - 1)[:, loop]
+
+
+def _autocorrelation(cell: np.ndarray, values: np.ndarray, grid: tuple[int, ...]) -> np.ndarray:
+    """The sum over sites of f(x) f(x + r), averaged over the fields of values [draw, point]."""
+    power = np.zeros((grid[0], grid[1] // 2 + 1))
+    for each in values:
+        field = np.bincount(cell, each, grid[0] * grid[1]).astype(np.float32)
+        modes = np.fft.rfft2(field.reshape(grid))
+        power += modes.real**2 + modes.imag**2
+    return np.fft.irfft2(power / len(values), s=grid)
+
+
+def _fitting(
+    cell: np.ndarray, weight: np.ndarray, sides: tuple[int, ...], grid: tuple[int, ...]
+) -> np.ndarray:
+    """The weight of points x for which x + r is on an open map too."""
+    points = np.bincount(cell, weight, grid[0] * grid[1]).reshape(grid)
+    whole = np.zeros(grid)
+    whole[: sides[0], : sides[1]] = 1.0
+    both = np.fft.irfft2(np.conj(np.fft.rfft2(points)) * np.fft.rfft2(whole), s=grid)
+    return np.maximum(both, 0.0)
+
+
+def _in_shells(field: np.ndarray, bins: np.ndarray) -> np.ndarray:
+    """Sum a field of displacements over the shells [r, r + 1) of each bin."""
+    away = [np.minimum(np.arange(side), side - np.arange(side)) for side in field.shape]
+    shell = np.hypot(away[0][:, None], away[1][None, :]).astype(int)
+    index = np.concatenate([[len(bins)], bins, [len(bins)]])[np.minimum(shell, len(bins) + 1)]
+    return np.bincount(index.ravel(), field.ravel(), len(bins) + 1)[: bins.max() + 1]

@@ -167,7 +167,7 @@ def test_an_ansatz_that_bends_y_bends_its_errors():
 
 def test_curves_that_do_not_overlap_are_not_a_collapse():
     curves = smooth_curves("mean_length", lambda x, side: x**1.3, sizes=(8, 8000))
-    narrow = {side: curve.window(0.1 * side, side) for side, curve in curves.items()}
+    narrow = {side: curve.window(0.1 * side, float(side)) for side, curve in curves.items()}
     fit = fit_collapse(narrow, draws=20, coefficients=10)
     assert not fit.converged
     assert "do not overlap" in fit.status

@@ -20,7 +20,8 @@ LARGEST_ERROR = 0.2
 #: Neighbouring points of a curve closer than this ratio say nearly the same thing.
 SPARSEST = 1.4
 
-Window = tuple[float, float] | Callable[[Curve, float], tuple[float, float]] | None
+Limits = tuple[float | int, float | int]
+Window = Limits | Callable[[Curve, float], Limits] | None
 
 
 @dataclass(frozen=True)

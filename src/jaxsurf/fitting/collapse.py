@@ -34,16 +34,17 @@ COEFFICIENT_WIDTH, FEWEST, MOST = 0.6, 6, 24
 
 Curves = Mapping[Any, Curve] | Sequence[Mapping[Any, Curve]]
 Form = Ansatz | Transform
+Number = float | int
 
 
 def fit_collapse(
     curves: Curves,
     ansatz: Form | Sequence[Form] | None = None,
     *,
-    start: Mapping[str, float] | None = None,
+    start: Mapping[str, Number] | None = None,
     window: Window = None,
     correction: str | None = None,
-    omega: float | None = 1.0,
+    omega: Number | None = 1.0,
     versus: str = "size",
     share_alpha: bool = False,
     coefficients: int | None = None,
@@ -181,7 +182,7 @@ def _measures(curves: Curves) -> list[dict[float, Curve]]:
 def _forms(
     measures: list[dict[float, Curve]],
     ansatz: Form | Sequence[Form] | None,
-    start: Mapping[str, float] | None,
+    start: Mapping[str, Number] | None,
     versus: str,
     share_alpha: bool,
 ) -> list[Ansatz]:
@@ -215,7 +216,7 @@ def _forms(
 
 
 def _data(
-    stack: Stack, use: Bool[np.ndarray, " point"], omega: float | None, slope: Any = None
+    stack: Stack, use: Bool[np.ndarray, " point"], omega: Number | None, slope: Any = None
 ) -> dict[str, Any]:
     slope = np.ones(len(stack.x)) if slope is None else slope
     return {
@@ -235,7 +236,7 @@ def _solve(
     problem: CollapseProblem,
     stack: Stack,
     use: Bool[np.ndarray, " point"],
-    omega: float | None,
+    omega: Number | None,
     start: Float[np.ndarray, " parameter"],
 ) -> tuple[dict[str, Any], Any]:
     """Solve, and once more if the form bends the errors (d ln Y / d ln y is not one)."""
@@ -265,7 +266,7 @@ def _linear_count(problem: CollapseProblem) -> int:
 
 
 def _variants(
-    problem: CollapseProblem, stack: Stack, data: dict[str, Any], best: Any, omega: float | None
+    problem: CollapseProblem, stack: Stack, data: dict[str, Any], best: Any, omega: Number | None
 ) -> list[tuple[str, Any, Any]]:
     """Refits with one choice changed: name, values, variance beyond that of the best fit."""
     own = np.diag(solver.covariance(problem, best, data))

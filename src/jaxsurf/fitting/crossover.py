@@ -26,7 +26,7 @@ from jaxtyping import Float
 from jaxsurf._checks import check_choice, check_in_range, check_integer
 from jaxsurf.curve import Curve
 from jaxsurf.fitting import _crossover_model as solver
-from jaxsurf.fitting._collapse_data import Stack, stack_curves, systematic_errors
+from jaxsurf.fitting._collapse_data import Limits, Stack, stack_curves, systematic_errors
 from jaxsurf.fitting._crossover_model import BELOW, BEYOND, CrossoverModel, curvature_kernel
 from jaxsurf.fitting._least_squares import Solution
 from jaxsurf.fitting.fit import Fit
@@ -41,10 +41,10 @@ def fit_crossover(
     *,
     shared: Sequence[str] = ("alpha", "xi"),
     beyond: str = "percolation",
-    sharpness: float | None = None,
-    knees: Mapping[str, float] | None = None,
-    windows: Mapping[str, tuple[float, float]] | None = None,
-    start: Mapping[str, float] | None = None,
+    sharpness: float | int | None = None,
+    knees: Mapping[str, float | int] | None = None,
+    windows: Mapping[str, Limits] | None = None,
+    start: Mapping[str, float | int] | None = None,
     draws: int = 200,
     rng: np.random.Generator | int = 0,
 ) -> Fit:
@@ -211,7 +211,10 @@ def _names(
 
 
 def _fixed(
-    curves: list[Curve], stack: Stack, sharpness: float | None, knees: Mapping[str, float]
+    curves: list[Curve],
+    stack: Stack,
+    sharpness: float | int | None,
+    knees: Mapping[str, float | int],
 ) -> dict[str, Any]:
     """What the model needs that no draw changes."""
     waves = np.array([curve.kind == "spectrum" for curve in curves])[stack.measure]
@@ -238,7 +241,7 @@ def _data(stack: Stack, fixed: dict[str, Any]) -> dict[str, Any]:
 
 
 def _start(
-    model: CrossoverModel, data: dict[str, Any], given: Mapping[str, float]
+    model: CrossoverModel, data: dict[str, Any], given: Mapping[str, float | int]
 ) -> Float[np.ndarray, " parameter"]:
     """The best of a coarse grid of alpha and xi, each amplitude at its mean residual."""
     for name in given:

@@ -23,6 +23,7 @@ from jaxtyping import Float
 from jaxsurf import theory
 from jaxsurf._checks import check_choice, check_integer
 from jaxsurf.curve import Curve
+from jaxsurf.fitting._collapse_data import Limits
 from jaxsurf.fitting._resample import bootstrap_counts, resampled_means
 from jaxsurf.fitting.crossover import fit_crossover
 from jaxsurf.fitting.fit import Fit
@@ -46,7 +47,7 @@ def fit_joint(
     curves: Sequence[Curve],
     *,
     through: str = "power_law",
-    windows: Mapping[str, tuple[float, float]] | None = None,
+    windows: Mapping[str, Limits] | None = None,
     draws: int = 400,
     rng: np.random.Generator | int = 0,
 ) -> Fit:
@@ -184,7 +185,7 @@ def _drawn_exponents(
 
 def _through_crossover(
     curves: list[Curve],
-    windows: Mapping[str, tuple[float, float]] | None,
+    windows: Mapping[str, Limits] | None,
     draws: int,
     rng: np.random.Generator,
 ) -> Fit:

@@ -47,6 +47,18 @@ def test_table1_prints_the_table_and_writes_its_files(tmp_path, capsys):
     assert (output / "mean_length.png").read_bytes()[:4] == b"\x89PNG"
 
 
+def test_table2_prints_the_table_and_writes_its_files(tmp_path, capsys):
+    output = tmp_path / "out"
+    words = ["table2", "--p-plus", 0.5, "--sizes", 16, 64, "--equilibrate", 20, "--measure", 20]
+    words += ["--snapshots", 10, "--replicas", 4, "--points", 60, "--scheme", "sublattice"]
+    assert run(*words, "--output", output) == 0
+    printed = capsys.readouterr().out
+    assert "p₊ = 0.5" in printed
+    assert "0.135 ± 0.002" in printed  # the paper's value beside ours
+    names = {path.name for path in output.iterdir()}
+    assert {"table2.csv", "table2.json", "curves.npz", "spectrum.png", "collapse.png"} <= names
+
+
 def test_an_interruption_says_so_and_writes_nothing(tmp_path, monkeypatch, capsys):
     def interrupted(*arguments, **options):
         raise KeyboardInterrupt
@@ -103,4 +115,5 @@ def test_help_names_the_commands():
         [sys.executable, "-m", "jaxsurf.cli", "--help"], capture_output=True, text=True, check=True
     )
     assert "table1" in found.stdout
+    assert "table2" in found.stdout
     assert "measure" in found.stdout

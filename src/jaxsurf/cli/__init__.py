@@ -14,6 +14,7 @@ except ModuleNotFoundError as missing:
 
 from jaxsurf.cli import measure as measure
 from jaxsurf.cli import table1 as table1
+from jaxsurf.cli import table2 as table2
 from jaxsurf.cli._terminal import app, errors
 
 

@@ -80,6 +80,10 @@ def plot_curves(
             axes.plot(x, y, "-", color=color, linewidth=1.2)
     axes.set_xscale("log")
     axes.set_yscale("log")
+    drawn = [offset**i * np.asarray(curve.mean) for i, curve in enumerate(curves.values())]
+    positive = np.concatenate([values[values > 0] for values in drawn])
+    if positive.size:  # long error bars of the last points must not squeeze the curves
+        axes.set_ylim(bottom=positive.min() / 2)
     describe_axes(axes, next(iter(curves.values())))
     axes.set_title(title, fontsize=9)
     axes.legend(fontsize=7, frameon=False)

@@ -124,22 +124,23 @@ def check_heights(heights: Any, *, mask: Any = None, constant: bool = True) -> N
     if is_traced(heights) or is_traced(mask):
         return
     values = np.asarray(heights)
-    valid = np.ones(values.shape, bool) if mask is None else np.broadcast_to(mask, values.shape)
-    if values.dtype.kind != "i" and not np.all(np.isfinite(values), where=valid):
-        bad = int(np.count_nonzero(~np.isfinite(values) & valid))
+    if mask is None:
+        top, bottom = values.max((-2, -1)), values.min((-2, -1))
+    else:
+        top = np.where(mask, values, -np.inf).max((-2, -1))
+        bottom = np.where(mask, values, np.inf).min((-2, -1))
+    if not np.all(np.isfinite(top) & np.isfinite(bottom)):  # a NaN is both highest and lowest
+        bad = ~np.isfinite(values) if mask is None else ~np.isfinite(values) & mask
         raise ValueError(
-            f"heights must be finite; got {bad} NaN or infinite among {values.size} sites. "
-            "Pass mask= with False on the missing sites, or fill them."
+            f"heights must be finite; got {np.count_nonzero(bad)} NaN or infinite among "
+            f"{values.size} sites. Pass mask= with False on the missing sites, or fill them."
         )
-    if constant:
-        top = np.max(values, (-2, -1), where=valid, initial=-np.inf)
-        bottom = np.min(values, (-2, -1), where=valid, initial=np.inf)
-        if np.any(top <= bottom):
-            flat = np.flatnonzero(np.atleast_1d(top <= bottom))[:5].tolist()
-            raise ValueError(
-                f"heights must vary over a map; got constant heights in surface {flat}. "
-                "A flat map has no roughness: leave it out."
-            )
+    if constant and np.any(top <= bottom):
+        flat = np.flatnonzero(np.atleast_1d(top <= bottom))[:5].tolist()
+        raise ValueError(
+            f"heights must vary over a map; got constant heights in surface {flat}. "
+            "A flat map has no roughness: leave it out."
+        )
 
 
 def check_mask(mask: Any, shape: tuple[int, ...]) -> None:
@@ -153,6 +154,11 @@ def check_mask(mask: Any, shape: tuple[int, ...]) -> None:
         raise ValueError(
             f"mask must have the shape of the heights, {shape}, or of one map, {shape[-2:]}; "
             f"got {mask.shape}. Pass one boolean a site."
+        )
+    if not is_traced(mask) and not np.all(np.any(mask, (-2, -1))):
+        raise ValueError(
+            "mask must leave at least one valid site in every map; got a map without any. "
+            "Leave that map out, or turn the mask round: true marks valid sites."
         )
 
 

@@ -28,6 +28,7 @@ from jaxsurf.loops.walk import STEP_X, STEP_Y, mean_height
 # for (i+1, j), 8 for (i+1, j+1).
 _CORNER_BITS = (1, 4, 8, 2)  # of the corners counterclockwise, as in `walk`
 SADDLES = (6, 9)
+SITES_OF_A_STRIP = 1 << 16
 
 
 def _exits() -> np.ndarray:
@@ -110,21 +111,24 @@ def contour(heights: np.ndarray, which: np.ndarray, levels: np.ndarray) -> Conto
 
 
 def _codes(heights: np.ndarray, which: np.ndarray, levels: np.ndarray) -> np.ndarray:
-    """The code of every plaquette, with a ring of zeros around each map."""
+    """The code of every plaquette, with a ring around each map; some strips at a time, in cache."""
     side_x, side_y = heights.shape[1:]
-    code = np.zeros((len(which), side_x + 2, side_y + 2), np.uint8)
-    above = np.empty((side_x, side_y), bool)
-    column = np.empty((side_x + 1, side_y), np.uint8)  # the corners at (i, j) and (i, j+1)
+    code = np.empty((len(which), side_x + 2, side_y + 2), np.uint8)
+    code[:, 0] = code[:, -1] = code[:, :, 0] = code[:, :, -1] = 0
+    step = max(1, SITES_OF_A_STRIP // side_y)
     for board, surface, level in zip(code, which, levels, strict=True):
-        np.greater(heights[surface], level, out=above)
-        bits = above.view(np.uint8)
-        np.left_shift(bits[:, 1:], 1, out=column[:-1, :-1])
-        np.left_shift(bits[:, 0], 1, out=column[:-1, -1])
-        column[:-1] |= bits
-        column[-1] = column[0]
-        inner = board[1:-1, 1:-1]
-        np.left_shift(column[1:], 2, out=inner)
-        inner |= column[:-1]
+        for start in range(0, side_x, step):
+            stop = min(start + step, side_x)
+            bits = np.empty((stop - start + 1, side_y), bool)
+            np.greater(heights[surface, start:stop], level, out=bits[:-1])
+            np.greater(heights[surface, stop % side_x], level, out=bits[-1])
+            column = np.empty(bits.shape, np.uint8)  # the corners at (i, j) and (i, j+1)
+            np.left_shift(bits.view(np.uint8)[:, 1:], 1, out=column[:, :-1])
+            np.left_shift(bits.view(np.uint8)[:, 0], 1, out=column[:, -1])
+            column |= bits.view(np.uint8)
+            inner = board[start + 1 : stop + 1, 1:-1]
+            np.left_shift(column[1:], 2, out=inner)
+            inner |= column[:-1]
     return code
 
 

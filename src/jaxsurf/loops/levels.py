@@ -100,7 +100,8 @@ def level_loops(
     parts = []
     for maps in batches(heights, mask, seed, boundary, MAP_SITES_AT_ONCE):
         placed = _given(maps, given) if given is not None else _PLACE[placement](maps, count, seed)
-        placed = _off_the_heights(maps, placed, seed)
+        if given is not None or placement == "quantiles":
+            placed = _off_the_heights(maps, placed, seed)
         parts.append(_batch_loops(maps, placed, boundary, spacing, paths))
     return Loops.join(parts)
 
@@ -197,8 +198,6 @@ _PLACE = {
 
 def _off_the_heights(maps: Maps, placed: _Placed, seed: int) -> _Placed:
     """Take levels that equal a height just above or just below it, by a coin."""
-    if placed.starts is not None:
-        return placed  # the coin has been tossed
     hit = np.array(
         [
             np.any(maps.heights[surface] == level)

@@ -1,9 +1,9 @@
 """The maps that loops are drawn on: checked, dithered where heights repeat, cut at open edges.
 
 A contour at level c separates the sites above it, h > c, from the others. Heights that repeat make
-that ill-defined: two neighbours at exactly the level, a saddle exactly at it. Maps whose heights
-lie on a ladder of steps (growth models, counts of a converter) are therefore dithered, as the
-paper does: one draw per surface of independent Gaussian noise of one thousandth of the step.
+that ill-defined: two neighbours at exactly the level, a saddle exactly at it. Maps of whole
+numbers (growth models, counts of a converter) are therefore dithered, as the paper does: one draw
+per surface of independent Gaussian noise of one thousandth of the step.
 
 NumPy alone.
 """
@@ -18,7 +18,7 @@ from jaxtyping import Bool, Float, Num
 Heights = Num[Any, "*surface x y"] | Iterable[Num[Any, "*surface x y"]]
 SMALLEST_SIDE = 4
 BOUNDARIES = ("periodic", "open")
-DITHER = 1e-3  # standard deviation of the dither over the step of the heights
+DITHER = 1e-3  # standard deviation of the dither, in steps of the heights
 
 
 @dataclass(frozen=True)
@@ -53,29 +53,49 @@ def batches(heights: Any, mask: Any, seed: int, boundary: str, limit: int) -> It
         boundary: "periodic" or "open".
         limit: sites in a batch.
     """
-    dither = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(0,)))
-    first, side = 0, None
-    for block in _blocks(heights):
-        stack = _checked_stack(block)
-        if side is not None and stack.shape[1:] != side:
-            raise ValueError(
-                f"all maps must have one shape; got {side} and then {stack.shape[1:]}. "
-                "Trace maps of different shapes in separate calls."
-            )
-        side = stack.shape[1:]
-        step = max(1, limit // (side[0] * side[1]))
-        for start in range(0, len(stack), step):
-            part = stack[start : start + step]
-            valid = _checked_mask(mask, part.shape, first)
-            _check_finite(part, valid, first)
-            heights_, notes = _dithered(part, dither)
-            heights_, valid = _closed_off(heights_, valid, boundary == "open")
-            yield Maps(heights_, valid, (side[0], side[1]), first, notes)
-            first += len(part)
-    if side is None:
+    noise = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(0,)))
+    first = 0
+    for stack, on_ladder in _grouped(heights, limit):
+        valid = _checked_mask(mask, stack.shape, first)
+        _check_finite(stack, valid, first)
+        shape = stack.shape[1], stack.shape[2]
+        stack, notes = _dithered(stack, noise) if on_ladder else (stack, ())
+        stack, valid = _closed_off(stack, valid, boundary == "open")
+        yield Maps(stack, valid, shape, first, notes)
+        first += len(stack)
+    if first == 0:
         raise ValueError(
             "heights must hold at least one map; got none. Pass [x, y] or [surface, x, y]."
         )
+
+
+def _grouped(heights: Any, limit: int) -> Iterator[tuple[np.ndarray, bool]]:
+    """Stacks of maps of at most `limit` sites, or one map, and whether they are whole numbers."""
+    waiting: list[np.ndarray] = []
+    kind = None
+    for block in _blocks(heights):
+        stack = _checked_stack(block)
+        on_ladder = _are_whole_numbers(stack)
+        if stack.dtype.itemsize < 4 or stack.dtype.kind in "iu":
+            stack = stack.astype(np.float64 if on_ladder else np.float32)
+        if kind is not None and stack.shape[1:] != kind[0]:
+            raise ValueError(
+                f"all maps must have one shape; got {kind[0]} and then {stack.shape[1:]}. "
+                "Trace maps of different shapes in separate calls."
+            )
+        step = max(1, limit // (stack.shape[1] * stack.shape[2]))
+        if kind is not None and kind != (stack.shape[1:], stack.dtype, on_ladder):
+            yield np.concatenate(waiting), kind[2]
+            waiting = []
+        kind = stack.shape[1:], stack.dtype, on_ladder
+        for start in range(0, len(stack), step):
+            part = stack[start : start + step]
+            if waiting and sum(map(len, waiting)) + len(part) > step:
+                yield np.concatenate(waiting), on_ladder
+                waiting = []
+            waiting.append(part)
+    if waiting and kind is not None:
+        yield waiting[0] if len(waiting) == 1 else np.concatenate(waiting), kind[2]
 
 
 def whole_plaquettes(valid: Bool[np.ndarray, "surface x y"]) -> Bool[np.ndarray, "surface x y"]:
@@ -204,21 +224,21 @@ def _closed_off(
 
 
 def _check_finite(heights: np.ndarray, valid: np.ndarray | None, first: int) -> None:
-    where: Any = True if valid is None else valid
-    finite = np.isfinite(heights)
-    if not np.all(finite, where=where):
-        bad = int(np.count_nonzero(~finite & where))
+    if valid is None:  # NaN is its own maximum
+        top, bottom = heights.max((1, 2)), heights.min((1, 2))
+        finite, flat = bool(np.all(np.isfinite(top) & np.isfinite(bottom))), top == bottom
+    else:
+        finite = bool(np.all(np.isfinite(heights), where=valid))
+        sites, used = heights.reshape(len(heights), -1), valid.reshape(len(heights), -1)
+        one = np.take_along_axis(sites, used.argmax(1)[:, None], 1)
+        flat = ((sites == one) | ~used).all(1)
+    if not finite:
+        used = True if valid is None else valid
+        bad = int(np.count_nonzero(~np.isfinite(heights) & used))
         raise ValueError(
             f"heights must be finite; got {bad} NaN or infinite among {heights.size} sites. "
             "Pass mask= with False on the missing sites, or fill them."
         )
-    if valid is None:
-        flat = heights.max((1, 2)) == heights.min((1, 2))
-    else:
-        reference = np.take_along_axis(
-            heights.reshape(len(heights), -1), valid.reshape(len(heights), -1).argmax(1)[:, None], 1
-        )
-        flat = ((heights == reference[:, :, None]) | ~valid).all((1, 2))
     if flat.any():
         raise ValueError(
             "heights must vary over a map; got constant heights in surface "
@@ -227,19 +247,17 @@ def _check_finite(heights: np.ndarray, valid: np.ndarray | None, first: int) -> 
 
 
 def _dithered(heights: np.ndarray, rng: np.random.Generator) -> tuple[np.ndarray, tuple[str, ...]]:
-    """Heights as floats, with noise added to whole batches whose heights are steps of a ladder."""
+    """Whole-number heights with noise far below their step of 1."""
+    noise = DITHER * rng.standard_normal(heights.shape)
+    return heights + noise, (
+        f"dithered whole-number heights: Gaussian noise of {DITHER:.2g} added",
+    )
+
+
+def _are_whole_numbers(heights: np.ndarray) -> bool:
+    """Whether heights are whole numbers, but for NaN; most maps are found out by a few of them."""
     if heights.dtype.kind in "iu":
-        step, said = 1.0, "whole-number heights of an integer type"
-    else:
-        kept = heights.astype(np.float32) if heights.dtype.itemsize < 4 else heights
-        if not (step := _ladder_step(kept)):
-            return kept, ()
-        heights, said = kept, "whole-number heights"
-    noise = rng.standard_normal(heights.shape)
-    scale = DITHER * step
-    return heights + scale * noise, (f"dithered {said}: Gaussian noise of {scale:.2g} added",)
-
-
-def _ladder_step(heights: np.ndarray) -> float:
-    """The step of whole-number floats; 0 if the heights are not whole numbers."""
-    return 1.0 if np.array_equal(heights, np.rint(heights)) else 0.0
+        return True
+    return all(
+        bool(np.all((each == np.rint(each)) | np.isnan(each))) for each in (heights[0, :2], heights)
+    )

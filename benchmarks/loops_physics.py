@@ -1,0 +1,148 @@
+"""What the loop engine says about exactly known and conjectured exponents.
+
+    python benchmarks/loops_physics.py cardy-ziff     # hulls of percolation: A N(>A) -> 0.04594
+    python benchmarks/loops_physics.py free-field     # alpha = 0: D_f = 3/2 exactly
+    python benchmarks/loops_physics.py correlation    # 2 x_l for alpha = 0 ... 1, conjectured 1
+    python benchmarks/loops_physics.py single-loop    # G_s(r) ~ r^-a, predicted (1 + alpha)/2
+
+`--side` and `--surfaces` change the work. Errors are standard errors by the jackknife over
+surfaces.
+"""
+
+import argparse
+import time
+
+import numpy as np
+
+import jaxsurf as js
+
+
+def rough(side, alpha, rng):
+    """One Gaussian map with spectrum q^(-2-2 alpha); white noise if alpha is None."""
+    noise = rng.standard_normal((side, side), dtype=np.float32)
+    if alpha is None:
+        return noise
+    qx = np.fft.fftfreq(side).astype(np.float32)[:, None]
+    qy = np.fft.rfftfreq(side).astype(np.float32)[None, :]
+    q = np.hypot(qx, qy)
+    q[0, 0] = np.inf
+    h = np.fft.irfft2(np.fft.rfft2(noise) * q ** np.float32(-1 - alpha), s=(side, side))
+    return (h / h.std()).astype(np.float32)
+
+
+def curves_of(measure, surfaces, side, alpha, levels, *, paths=False, seed=0, placement="equal"):
+    """One curve over all surfaces, one surface in memory at a time."""
+    parts = []
+    for k in range(surfaces):
+        rng = np.random.default_rng([seed, side, k, 0 if alpha is None else int(100 * alpha) + 1])
+        h = rough(side, alpha, rng)
+        parts.append(measure(js.level_loops(h, levels, placement=placement, rng=k, paths=paths)))
+    return js.concatenate(parts)
+
+
+def jackknife(curve, estimate):
+    """An estimate with its standard error over surfaces."""
+    count = curve.surfaces
+    rows = np.arange(count)
+    each = np.array([estimate(curve.resample(rows[rows != k])) for k in range(count)])
+    return estimate(curve), np.sqrt((count - 1) / count * ((each - each.mean(0)) ** 2).sum(0))
+
+
+def slope(low, high, correction=None):
+    """Exponent of mean = c x^D (1 + b x^-correction) over a window."""
+
+    def estimate(curve):
+        part = curve.window(low, high)
+        x, y = np.log(part.scale), np.log(part.mean)
+        columns = [np.ones_like(x), x]
+        if correction is not None:
+            columns.append(np.exp(-correction * x))
+        return np.linalg.lstsq(np.stack(columns, 1), y, rcond=None)[0][1]
+
+    return estimate
+
+
+def cardy_ziff(side, surfaces):
+    exact = 2 / (8 * np.sqrt(3) * np.pi)
+    print(f"A N(>A) of white noise at its median; exact {exact:.5f}; L {side}, {surfaces} surfaces")
+    curve = curves_of(js.area_tail, surfaces, side, None, 1, placement="quantiles")
+    for area in (50.0, 100.0, 200.0, 400.0, 800.0, 1600.0):
+        at = np.searchsorted(curve.scale, area)
+        value, error = curve.mean[at] * curve.scale[at], curve.stderr[at] * curve.scale[at]
+        print(
+            f"A {curve.scale[at]:7.1f}: {value:.5f} +- {error:.5f}  "
+            f"off by {100 * (value / exact - 1):+.2f} +- {100 * error / exact:.2f} %"
+        )
+
+
+def free_field(side, surfaces):
+    print(f"alpha = 0, L {side}, {surfaces} surfaces: <s>(R) ~ R^D, exactly D = 3/2")
+    curve = curves_of(lambda loops: loops.mean_length(), surfaces, side, 0.0, 4)
+    edges = 2.0 ** np.arange(2, int(np.log2(side)) - 1)
+    for low, high in zip(edges[:-1], edges[1:], strict=True):
+        value, error = jackknife(curve, slope(low, high))
+        print(f"local slope R {low:6.0f} - {high:6.0f}: {value:.4f} +- {error:.4f}")
+    for omega in (0.5, 0.75, 1.0):
+        for low, high in ((4.0, side / 16), (8.0, side / 16), (8.0, side / 8)):
+            value, error = jackknife(curve, slope(low, high, omega))
+            print(
+                f"with correction R^-{omega}, R {low:.0f} - {high:.0f}: "
+                f"D = {value:.4f} +- {error:.4f}"
+            )
+
+
+def correlation(side, surfaces, alphas, draws):
+    print(f"2 x_l from all pairs, L {side}, {surfaces} surfaces, {draws} draws; conjectured 1")
+    for alpha in alphas:
+        begin = time.time()
+        curve = curves_of(
+            lambda loops: loops.correlation(draws=draws), surfaces, side, alpha, 4, paths=True
+        )
+        said = []
+        for low, high in ((4.0, 16.0), (8.0, 32.0), (16.0, 64.0), (32.0, 128.0), (64.0, 256.0)):
+            if high <= side / 8:
+                value, error = jackknife(curve, slope(low, high))
+                said.append(f"{low:.0f}-{high:.0f}: {-value:.4f}({error:.4f})")
+        value, error = jackknife(curve, slope(4.0, side / 16, 1.0))
+        said.append(f"4-{side / 16:.0f} with r^-1: {-value:.4f}({error:.4f})")
+        print(f"alpha {alpha:.1f}  {'  '.join(said)}  {time.time() - begin:.0f} s", flush=True)
+
+
+def single_loop(side, surfaces, alphas, draws):
+    print(f"G_s(r) ~ r^-a of loops of one length, L {side}, {surfaces} surfaces")
+    for alpha in alphas:
+        dimension = js.theory.fractal_dimension(alpha)
+        length = (side / 8) ** dimension
+        wanted = (length, 2 * length)
+        curve = curves_of(
+            lambda loops, wanted=wanted: loops.correlation(draws=draws, lengths=wanted),
+            surfaces,
+            side,
+            alpha,
+            4,
+            paths=True,
+        )
+        said = []
+        for low, high in ((2.0, 8.0), (4.0, 16.0), (8.0, 32.0)):
+            value, error = jackknife(curve, slope(low, high))
+            said.append(f"{low:.0f}-{high:.0f}: {-value:.4f}({error:.4f})")
+        print(f"alpha {alpha:.1f}  predicted {(1 + alpha) / 2:.2f}  {'  '.join(said)}", flush=True)
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("what", choices=["cardy-ziff", "free-field", "correlation", "single-loop"])
+    parser.add_argument("--side", type=int)
+    parser.add_argument("--surfaces", type=int)
+    parser.add_argument("--alphas", type=float, nargs="*", default=[0.0, 0.2, 0.4, 0.6, 0.8, 1.0])
+    parser.add_argument("--draws", type=int, default=2)
+    chosen = parser.parse_args()
+    side, surfaces = chosen.side, chosen.surfaces
+    if chosen.what == "cardy-ziff":
+        cardy_ziff(side or 2048, surfaces or 48)
+    elif chosen.what == "free-field":
+        free_field(side or 4096, surfaces or 12)
+    elif chosen.what == "correlation":
+        correlation(side or 2048, surfaces or 16, chosen.alphas, chosen.draws)
+    else:
+        single_loop(side or 1024, surfaces or 24, chosen.alphas, chosen.draws)

@@ -1,0 +1,194 @@
+r"""Roughness that grows with time: alpha, beta and z from snapshots of growth out of a flat start.
+
+A growing surface is self-affine up to a correlation length $\xi(t) \sim t^{1/z}$ and flat beyond,
+so its width grows as $w^2(L, t) \sim t^{2\beta}$, $\beta = \alpha/z$, until $\xi$ reaches L. All
+of it is in one statement,
+
+$$S(q, t) = q^{-2(1+\alpha)} f(q\, t^{1/z}),$$
+
+so the collapse of the spectra of all times gives alpha and z together, and beta from them. The
+width gives beta by itself, and the knee of each spectrum gives $\xi(t)$ by itself. Beyond $\xi(t)$
+heights are independent, and contour loops there are hulls of percolation clusters.
+
+Source: the paper's Sec. IV F, Eqs. (dynamical), (hcross), (scross); F. Family and T. Vicsek, J.
+Phys. A 18, L75 (1985).
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from jaxtyping import Array, Float, Num
+
+from jaxsurf._checks import check_heights, check_in_range
+from jaxsurf.curve import Curve
+from jaxsurf.fitting.collapse import fit_collapse
+from jaxsurf.fitting.crossover import fit_crossover
+from jaxsurf.fitting.fit import Fit
+from jaxsurf.fitting.power_law import fit_power_law
+from jaxsurf.measures.fourier import power_spectrum
+
+Times = Sequence[float | int] | Num[np.ndarray, " time"]
+
+LARGEST_Q = 0.8  # beyond, the lattice bends the spectrum
+
+
+@dataclass(frozen=True)
+class TimeScaling:
+    """How a surface roughens, and the exponents that say so.
+
+    Attributes:
+        times: of the snapshots.
+        width: w^2 over time, one row a surface.
+        spectra: time -> S(q), one row a surface.
+        beta: power law of `width`; its "exponent" is 2 beta.
+        collapse: of the spectra, with "alpha" and "z".
+        knees: time -> crossover fit of its spectrum, with "xi".
+    """
+
+    times: tuple[float, ...]
+    width: Curve
+    spectra: dict[float, Curve]
+    beta: Fit
+    collapse: Fit
+    knees: dict[float, Fit]
+
+    @property
+    def exponents(self) -> dict[str, tuple[float, float, float]]:
+        """alpha, z and beta = alpha/z of the collapse, and beta of the width.
+
+        Each with its statistical and systematic error; those of alpha/z follow from the two
+        exponents', the statistical with their covariance.
+        """
+        fit = self.collapse
+        alpha, z = fit.values["alpha"], fit.values["z"]
+        gradient = np.array([1 / z if n == "alpha" else -alpha / z**2 for n in fit.names])
+        shifts = [fit.systematic.get(n, 0.0) * g for n, g in zip(fit.names, gradient, strict=True)]
+        found = {
+            name: (fit.values[name], fit.stderr[name], fit.systematic.get(name, 0.0))
+            for name in ("alpha", "z")
+        }
+        statistical = float(np.sqrt(gradient @ fit.covariance @ gradient))
+        found["beta"] = (alpha / z, statistical, float(np.hypot(*shifts)))
+        width = (self.beta.values, self.beta.stderr, self.beta.systematic)
+        value, error, moved = (float(of.get("exponent", 0.0)) / 2 for of in width)
+        found["beta of the width"] = (value, error, moved)
+        return found
+
+    @property
+    def correlation_length(self) -> dict[float, tuple[float, float]]:
+        """Time -> xi and its statistical error, of the crossover fits that converged."""
+        return {
+            time: (fit.values["xi"], fit.stderr["xi"])
+            for time, fit in self.knees.items()
+            if fit.converged
+        }
+
+
+def width_in_time(heights: Num[Array | np.ndarray, "time surface x y"], times: Times) -> Curve:
+    r"""Squared width $w^2 = \langle (h - \bar h)^2 \rangle$ of whole maps over time.
+
+    Arguments:
+        heights: snapshots of growing surfaces.
+        times: of the snapshots, ascending.
+
+    Returns:
+        A `Curve` of kind "width" over time, one row a surface.
+
+    Source: the paper's Sec. IV F.
+    """
+    maps, moments = _checked(heights, times)
+    centred = maps - maps.mean((-2, -1), keepdims=True)
+    width = (centred**2).mean((-2, -1)).T
+    return Curve("width", moments, width, units=("time", "1"), details=(("side", _side(maps)),))
+
+
+def scale_in_time(
+    heights: Num[Array | np.ndarray, "time surface x y"],
+    times: Times,
+    *,
+    window: tuple[float, float] | None = None,
+    largest_q: float = LARGEST_Q,
+    draws: int = 100,
+    progress: Callable[[float, str], None] | None = None,
+) -> TimeScaling:
+    r"""Exponents of growth from snapshots of many surfaces out of a flat start.
+
+    $$S(q, t) = q^{-2(1 + \alpha)} f(q\, t^{1/z}), \qquad w^2 \sim t^{2\beta}$$
+
+    Arguments:
+        heights: periodic maps, from `grow_single_step(..., snapshots=times)` or `grow_linear`.
+        times: of the snapshots, ascending, best by factors of 2.
+        window: the times that the fits look at; None for all.
+        largest_q: the largest wave number of the collapse, in 1/sites.
+        draws: of the bootstraps over surfaces.
+        progress: called with the share of the work done, 0 to 1, and what comes next.
+
+    Returns:
+        The exponents and all curves.
+
+    Raises:
+        ValueError: fewer than 4 times in the window or than 3 surfaces, times that are not
+            ascending and positive, heights that do not fit them.
+
+    Source: the paper's Eqs. (dynamical), (hcross).
+    """
+    report = progress or (lambda share, text: None)
+    maps, moments = _checked(heights, times)
+    low, high = window or (moments[0], moments[-1])
+    inside = (moments >= low) & (moments <= high)
+    if inside.sum() < 4:
+        raise ValueError(
+            f"at least 4 times must lie in the window; got {moments[inside].tolist()} in "
+            f"{(float(low), float(high))}. Take snapshots at 1, 2, 4, 8, ..."
+        )
+    report(0.0, "width and spectra")
+    width = width_in_time(maps, moments)
+    spectra = {float(t): _in_float64(power_spectrum(h)) for t, h in zip(moments, maps, strict=True)}
+    chosen = {t: spectra[t] for t in moments[inside].tolist()}
+    beta = fit_power_law(width, window=(float(low), float(high)), draws=draws)
+    report(0.1, "collapse")
+    collapse = fit_collapse(chosen, versus="time", window=(0.0, float(largest_q)), draws=draws)
+    knees = {}
+    for number, (time, spectrum) in enumerate(chosen.items()):
+        report(0.4 + 0.6 * number / len(chosen), f"correlation length at t = {time:g}")
+        start = {"alpha": float(np.clip(collapse.values["alpha"], 0.05, 0.95))}
+        limits = {"spectrum": (0.0, float(largest_q))}
+        knees[time] = fit_crossover(spectrum, windows=limits, start=start, draws=draws)
+    report(1.0, "done")
+    return TimeScaling(tuple(moments.tolist()), width, spectra, beta, collapse, knees)
+
+
+def _checked(heights: Any, times: Any) -> tuple[Any, Float[np.ndarray, " time"]]:
+    moments = np.asarray(list(times), float)
+    if np.ndim(heights) != 4 or len(heights) != len(moments):
+        raise ValueError(
+            "heights must be [time, surface, x, y] with a snapshot for each time; got shape "
+            f"{np.shape(heights)} for {len(moments)} times. Grow with snapshots=times and batch=."
+        )
+    if not np.all(np.diff(moments, prepend=0.0) > 0):
+        raise ValueError(
+            f"times must be positive and ascending; got {moments.tolist()}. "
+            "Leave out the flat start."
+        )
+    check_in_range("times", moments, 0, np.inf, closed=(False, False), remedy="Pass finite times.")
+    check_heights(heights)
+    maps = np.asarray(heights)
+    # growth may carry the maps far from zero, which float32 need not know
+    return (maps - maps[..., :1, :1]).astype(np.float32), moments
+
+
+def _side(maps: Any) -> float:
+    return float(min(maps.shape[-2:]))
+
+
+def _in_float64(curve: Curve) -> Curve:
+    return Curve(
+        curve.kind,
+        np.asarray(curve.scale, float),
+        np.asarray(curve.samples, float),
+        np.asarray(curve.weights, float),
+        units=curve.units,
+        details=curve.details,
+    )

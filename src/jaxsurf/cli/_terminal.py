@@ -16,6 +16,7 @@ app = App(
     help="How rough is a surface, and can the answer be believed?",
     version=__version__,
     suppress_keyboard_interrupt=False,  # `main` says what an interruption left behind
+    result_action="return_value",
 )
 console = Console()
 errors = Console(stderr=True)

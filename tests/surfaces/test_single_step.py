@@ -296,6 +296,81 @@ def test_growth_at_one_tenth_and_its_mirror():
     assert abs(minima(up).mean() - 0.204) > 0.003  # the control: the wrong way up
 
 
+# --- evidence ------------------------------------------------------------------------------------
+
+TORUS = 64  # side of the surfaces measured below
+
+
+def equilibrium(scheme):
+    """Surfaces at p_plus = 1/2, [snapshot, surface, x, y], far apart in time."""
+    # The slowest mode forgets in 240 sweeps; an event a site of the paper's rule is 4.8 sweeps.
+    every = 100 if scheme != "paper" else 20
+    grown = js.grow_single_step(
+        (TORUS, TORUS),
+        p_plus=0.5,
+        sweeps=60 * every,
+        scheme=scheme,
+        batch=32,
+        snapshots=np.arange(20, 61) * every,
+        key=jax.random.key(5),
+    )
+    return np.asarray(grown).astype(float)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("scheme", SCHEMES)
+def test_equilibrium_is_square_ice(scheme):
+    h = equilibrium(scheme)
+    # S(q) q^2 -> 6/pi within 2 %; the mean over modes of 0.15 < q < 0.6 has an error of 0.4 %
+    spectrum = (np.abs(np.fft.fft2(h)) ** 2).mean(0) / TORUS**2
+    q = 2 * np.pi * np.fft.fftfreq(TORUS)
+    lattice = (2 * np.sin(q / 2)) ** 2
+    length = np.hypot(q[:, None], q[None, :])
+    chosen = (length > 0.15) & (length < 0.6)
+    stiffness = (spectrum * (lattice[:, None] + lattice[None, :]))[:, chosen].mean(1) * np.pi / 6
+    assert abs(stiffness.mean() - 1) < 0.02, stiffness.mean()
+    assert abs(pull(stiffness, 1.05)) > 4  # the control
+    # D_2 = (6/pi^2) [ln r - pi r^2 / 2 L^2] + c on a torus, slope within 2 %, its error 0.4 %
+    r = np.arange(2, 9)
+    correlation = np.array([height_correlation(h, k).mean(0) for k in r])
+    slope = np.polyfit(np.log(r) - np.pi * r**2 / (2 * TORUS**2), correlation, 1)[0]
+    slope = slope * np.pi**2 / 6
+    assert abs(slope.mean() - 1) < 0.02, slope.mean()
+    assert abs(pull(slope, 1.05)) > 4  # the control
+    share = minima(h).mean(0)
+    assert abs(share.mean() - 5 / 24) < 0.002
+    assert abs(pull(skewness(h).mean(0), 0.0)) < 3
+
+
+@pytest.mark.slow
+def test_growth_is_mirrored_at_one_minus_p():
+    grown = js.grow_single_step(
+        (64, 64),
+        p_plus=np.array([0.1, 0.9]),
+        sweeps=4000,
+        batch=32,
+        snapshots=range(1000, 4001, 100),
+        key=jax.random.key(13),
+    )
+    down, up = np.asarray(grown).swapaxes(0, 1)
+    for h in (down, -up):
+        assert abs(minima(h).mean() - 0.204) < 0.003
+        assert abs(height_correlation(h, 2).mean() - 1.57) < 0.03
+        assert abs(skewness(h).mean() - 0.23) < 0.05
+    # <C_b^3>/<C_b^2>^(3/2) of p and 1 - p are mirror images, and at no scale zero
+    scales = np.array([1, 2, 4, 8, 16])
+    # one map a run and time, so far apart that they count as independent
+    near_zero = [h[::5] - h[::5, :, :1, :1] for h in (down, up)]
+    curves = [
+        js.curvature_skewness(h.reshape(-1, 64, 64).astype(np.float32), scales) for h in near_zero
+    ]
+    error = np.hypot(curves[0].stderr, curves[1].stderr)
+    assert np.all(np.abs(curves[0].mean + curves[1].mean) < 4 * error)
+    assert np.all(np.abs(curves[0].mean - curves[1].mean) > 6 * error)  # the control
+    # the sign at b = 1 is opposite to that of larger b
+    assert curves[0].mean[0] * curves[0].mean[2] < 0
+
+
 # --- misuse --------------------------------------------------------------------------------------
 
 GOOD = {"shape": (8, 8), "p_plus": 0.1, "sweeps": 4, "key": jax.random.key(0)}

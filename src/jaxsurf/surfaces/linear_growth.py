@@ -23,7 +23,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike, Float, Key
+from jaxtyping import Array, ArrayLike, Float, Key, Num
 
 from jaxsurf import _grid
 from jaxsurf._checks import (
@@ -100,13 +100,13 @@ def grow_linear(
     shape: tuple[int, int],
     *,
     equation: str,
-    time: float,
+    time: float | int,
     key: Key[Array, ""],
     batch: int | None = None,
-    snapshots: Iterable[float] | None = None,
-    coefficient: float = 1.0,
-    noise: float = 1.0,
-    spacing: float = 1.0,
+    snapshots: Iterable[float | int] | Num[np.ndarray, " time"] | None = None,
+    coefficient: float | int = 1.0,
+    noise: float | int = 1.0,
+    spacing: float | int = 1.0,
 ) -> Float[Array, "..."]:
     r"""Periodic surfaces grown by a linear equation from a flat start, exact at any time.
 

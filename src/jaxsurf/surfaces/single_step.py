@@ -45,6 +45,9 @@ from jaxsurf._checks import (
 from jaxsurf.surfaces._site_streams import random_words
 from jaxsurf.surfaces._step_updates import SCHEMES, Lattice, join, split
 
+#: Every how many sweeps to look, or the sweeps to look at.
+Snapshots = int | Iterable[int] | Int[np.ndarray, " time"] | None
+
 
 class SingleStep(eqx.Module):
     """Surfaces of the single-step model at one moment of their growth: a pytree.
@@ -103,7 +106,7 @@ def load_single_step(path: str | os.PathLike) -> SingleStep:
 def init_single_step(
     shape: tuple[int, int],
     *,
-    p_plus: float | Float[Array | np.ndarray, "*models"],
+    p_plus: float | int | Float[Array | np.ndarray, "*models"],
     batch: int | None = None,
     scheme: str = "random-sequential",
     start: str | Int[Array | np.ndarray, "*any x y"] = "flat",
@@ -191,7 +194,7 @@ def run_single_step(
     state: SingleStep,
     *,
     sweeps: int,
-    snapshots: int | Iterable[int] | None = None,
+    snapshots: Snapshots = None,
     observe: Callable[[Int[Array, "*batch x y"]], Any] | None = None,
 ) -> tuple[SingleStep, Any]:
     """Grow for a number of sweeps, looking at the surfaces on the way.
@@ -227,13 +230,13 @@ def run_single_step(
 def grow_single_step(
     shape: tuple[int, int],
     *,
-    p_plus: float | Float[Array | np.ndarray, "*models"],
+    p_plus: float | int | Float[Array | np.ndarray, "*models"],
     sweeps: int,
     key: Key[Array, ""],
     scheme: str = "random-sequential",
     batch: int | None = None,
     start: str | Int[Array | np.ndarray, "*any x y"] = "flat",
-    snapshots: int | Iterable[int] | None = None,
+    snapshots: Snapshots = None,
 ) -> Int[Array, "..."]:
     r"""Surfaces grown by the single-step model.
 
@@ -320,7 +323,7 @@ def _run(key, state, waits, observe):
     return _from_lattice(state, *carry), kept
 
 
-def _snapshot_times(snapshots: int | Iterable[int] | None, total: int) -> Int[np.ndarray, " time"]:
+def _snapshot_times(snapshots: Snapshots, total: int) -> Int[np.ndarray, " time"]:
     if snapshots is None:
         return np.zeros(0, int)
     if isinstance(snapshots, int | np.integer):

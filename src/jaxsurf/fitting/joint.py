@@ -70,8 +70,8 @@ def fit_joint(
         `details["chi2_statistical"]` has the statistical errors alone.
 
     Raises:
-        ValueError: fewer than two curves, two of a kind, different numbers of surfaces, fewer than
-            3 surfaces, or a kind that carries no alpha.
+        ValueError: fewer than two curves, two of a kind, different numbers of surfaces, fewer
+            surfaces than measures and three, or a kind that carries no alpha.
 
     Source: the paper's abstract and Sec. VIII.
     """
@@ -81,23 +81,22 @@ def fit_joint(
     rng = np.random.default_rng(rng)
     if through == "crossover":
         return _through_crossover(given, windows, draws, rng)
-    seed = int(rng.integers(2**31))
-    fits, own, errors, systematic, shifts = [], [], [], [], []
-    counts = bootstrap_counts(given[0].surfaces, draws, rng)
+    seed, surfaces = int(rng.integers(2**31)), given[0].surfaces
+    fits, own, systematic, shifts = [], [], [], []
+    counts = bootstrap_counts(surfaces, draws, rng)
     for curve in given:
-        fit = fit_power_law(curve, window=(windows or {}).get(curve.kind), rng=seed)
+        window = (windows or {}).get(curve.kind)
+        fit = fit_power_law(curve, window=window, weighting="equal", rng=seed)
         to_alpha, order = _ALPHA[curve.kind], float(curve.detail("order", 2))
         alpha, slope = to_alpha(fit.values["exponent"], order)
         fits.append(fit)
         own.append(alpha)
-        errors.append(abs(slope) * fit.stderr["exponent"])
         systematic.append(abs(slope) * fit.systematic.get("exponent", 0.0))
         exponents = _drawn_exponents(curve.window(*fit.details["window"]), counts)
         shifts.append([to_alpha(e, order)[0] for e in exponents])
-    correlation = np.atleast_2d(np.corrcoef(np.array(shifts)))
-    statistical = correlation * np.outer(errors, errors)
+    statistical = np.atleast_2d(np.cov(np.array(shifts))) * surfaces / (surfaces - 1)
     names = [f"alpha[{curve.kind}]" for curve in given]
-    result = combine(np.array(own), statistical, np.array(systematic))
+    result = combine(np.array(own), statistical, np.array(systematic), surfaces)
     bad = [fit.status for fit in fits if not fit.converged]
     return _fit(
         "joint alpha of " + ", ".join(curve.kind for curve in given),
@@ -115,6 +114,7 @@ def combine(
     values: Float[np.ndarray, " measure"],
     statistical: Float[np.ndarray, "measure measure"],
     systematic: Float[np.ndarray, " measure"],
+    surfaces: int | None = None,
 ) -> dict[str, Any]:
     """The combination of least variance of correlated estimates, and the chi2 of their agreement.
 
@@ -122,10 +122,15 @@ def combine(
         values: one estimate a measure.
         statistical: their statistical covariance.
         systematic: their systematic errors, each its own.
+        surfaces: how many the covariance comes from. The inverse of a covariance from n surfaces is
+            too large by $(n-1)/(n-m-2)$ for m measures, and chi2 with it, which is put right
+            (Hartlap, Simon & Schneider 2007); None for a known covariance.
 
     Returns:
         "weights" (summing to one), "value", "stderr", "systematic", "chi2", "chi2_statistical".
     """
+    measures = len(values)
+    right = 1.0 if surfaces is None else max(surfaces - measures - 2, 1) / (surfaces - 1)
     ridge = _RIDGE * np.diag(np.diag(statistical))
     total = statistical + np.diag(systematic**2) + ridge
     inverse = np.linalg.inv(total)
@@ -139,8 +144,8 @@ def combine(
         "value": value,
         "stderr": float(np.sqrt(weights @ statistical @ weights)),
         "systematic": float(np.sqrt(np.sum((weights * systematic) ** 2))),
-        "chi2": float(away @ inverse @ away),
-        "chi2_statistical": float((values - best) @ inner @ (values - best)),
+        "chi2": right * float(away @ inverse @ away),
+        "chi2_statistical": right * float((values - best) @ inner @ (values - best)),
     }
 
 
@@ -164,10 +169,10 @@ def _checked(curves: Sequence[Curve]) -> list[Curve]:
             f"curves must be of the same surfaces, row by row; got {sorted(counts)} surfaces. "
             "Measure every curve on the same maps."
         )
-    if given[0].surfaces < 3:
+    if given[0].surfaces < len(given) + 3:
         raise ValueError(
-            f"the covariance between measures needs at least 3 surfaces; got {given[0].surfaces}. "
-            "Measure more, or cut the map into parts."
+            f"the covariance between {len(given)} measures needs at least {len(given) + 3} "
+            f"surfaces; got {given[0].surfaces}. Measure more, or cut the map into parts."
         )
     return given
 
@@ -197,7 +202,13 @@ def _through_crossover(
         own = np.array([fit.values[each] for each in names])
         spread = np.array([fit.systematic.get(each, 0.0) for each in names])
         statistical = fit.covariance[np.ix_(rows, rows)]
-        parts[name] = (names, own, statistical, spread, combine(own, statistical, spread))
+        parts[name] = (
+            names,
+            own,
+            statistical,
+            spread,
+            combine(own, statistical, spread, curves[0].surfaces),
+        )
     return _fit(
         "joint alpha and xi of " + ", ".join(curve.kind for curve in curves),
         parts,

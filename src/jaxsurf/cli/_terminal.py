@@ -1,6 +1,7 @@
 """What the commands share: the application, the terminal, the progress bar."""
 
-from collections.abc import Callable, Iterator
+import time
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -43,3 +44,50 @@ def progress_bar(title: str) -> Iterator[Callable[[float, str], None]]:
     with bar:
         task = bar.add_task("starting", total=1.0, title=title)
         yield lambda share, text: bar.update(task, completed=share, description=text)
+
+
+def reproduce(
+    name: str,
+    title: str,
+    compute: Callable[..., Any],
+    settings: Any,
+    figures: Callable[[Any], Mapping[str, Any]],
+    curve_name: str,
+    output: Path,
+) -> tuple[Any, float]:
+    """Compute one of the paper's tables under a progress bar and write all that belongs to it.
+
+    Arguments:
+        name: of the files: name.csv, name.json.
+        title: of the progress bar.
+        compute: settings, progress -> the table.
+        settings: what to compute.
+        figures: table -> file name -> figure.
+        curve_name: what the keys of the table's curves mean: "alpha={:g}/L={}".
+        output: the folder.
+
+    Returns:
+        The table and the seconds it took.
+    """
+    from jaxsurf.report.folder import write_csv, write_curves, write_folder, write_json
+
+    started = time.perf_counter()
+    with progress_bar(title) as report:
+        table = compute(settings, progress=report)
+        report(1.0, "drawing the pictures")
+        seconds = time.perf_counter() - started
+        curves = {
+            f"{curve_name.format(*key)}/{kind}": curve
+            for key, kinds in table.curves.items()
+            for kind, curve in kinds.items()
+        }
+        write_folder(
+            output,
+            {
+                f"{name}.csv": write_csv(table.to_rows()),
+                f"{name}.json": write_json(table.to_dict() | {"seconds": seconds}),
+                "curves.npz": write_curves(curves),
+                **{f"{file}.png": saver(figure) for file, figure in figures(table).items()},
+            },
+        )
+    return table, seconds

@@ -1,6 +1,5 @@
 """`jaxsurf table1`: loop exponents of Gaussian surfaces, ours, the paper's and the theory's."""
 
-import time
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -8,7 +7,7 @@ from cyclopts import Parameter
 from rich import box
 from rich.table import Table
 
-from jaxsurf.cli._terminal import app, console, progress_bar, saver
+from jaxsurf.cli._terminal import app, console, reproduce
 
 SYMBOLS = {"2x_l": "2xₗ", "D_f": "D_f", "tau-2": "τ−2"}
 
@@ -42,6 +41,7 @@ def table1(
         Folder for the table (CSV, JSON), the curves (NPZ) and the pictures (PNG).
     """
     from jaxsurf.analysis.table1 import Table1Settings, reproduce_table1
+    from jaxsurf.report.table1 import table1_figures
 
     defaults = Table1Settings()
     settings = Table1Settings(
@@ -51,32 +51,13 @@ def table1(
         points,
         seed,
     )
-    started = time.perf_counter()
-    with progress_bar("Table I") as report:
-        table = reproduce_table1(settings, progress=report)
-        report(1.0, "drawing the pictures")
-        from jaxsurf.report.folder import write_csv, write_curves, write_folder, write_json
-        from jaxsurf.report.table1 import table1_figures
-
-        elapsed = time.perf_counter() - started
-        curves = {
-            f"alpha={alpha:g}/L={size}/{kind}": curve
-            for (alpha, size), kinds in table.curves.items()
-            for kind, curve in kinds.items()
-        }
-        write_folder(
-            output,
-            {
-                "table1.csv": write_csv(table.to_rows()),
-                "table1.json": write_json(table.to_dict() | {"seconds": elapsed}),
-                "curves.npz": write_curves(curves),
-                **{f"{n}.png": saver(f) for n, f in table1_figures(table).items()},
-            },
-        )
+    table, seconds = reproduce(
+        "table1", "Table I", reproduce_table1, settings, table1_figures, "alpha={:g}/L={}", output
+    )
     console.print(_table1_view(table))
     console.print(
         "Errors are statistical ± systematic (window); the last column is the distance from the "
-        f"paper in combined standard errors. {time.perf_counter() - started:.0f} s; "
+        f"paper in combined standard errors. {seconds:.0f} s; "
         f"tables and pictures are in [bold]{output}[/].",
         highlight=False,
     )

@@ -1,6 +1,5 @@
 """`jaxsurf table2`: the single-step growth model at three strengths of growth."""
 
-import time
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
@@ -9,7 +8,7 @@ from cyclopts import Parameter
 from rich import box
 from rich.table import Table
 
-from jaxsurf.cli._terminal import app, console, progress_bar, saver
+from jaxsurf.cli._terminal import app, console, reproduce
 
 
 @app.command
@@ -55,6 +54,7 @@ def table2(
         Folder for the table (CSV, JSON), the curves (NPZ) and the pictures (PNG).
     """
     from jaxsurf.analysis.table2 import Table2Settings, reproduce_table2
+    from jaxsurf.report.table2 import table2_figures
 
     given = {
         "p_plus": tuple(p_plus) if p_plus else None,
@@ -68,33 +68,14 @@ def table2(
     }
     base = Table2Settings.quick(seed) if quick else Table2Settings(seed=seed)
     settings = replace(base, **{name: v for name, v in given.items() if v is not None})
-    started = time.perf_counter()
-    with progress_bar("Table II") as report:
-        table = reproduce_table2(settings, progress=report)
-        report(1.0, "drawing the pictures")
-        from jaxsurf.report.folder import write_csv, write_curves, write_folder, write_json
-        from jaxsurf.report.table2 import table2_figures
-
-        elapsed = time.perf_counter() - started
-        curves = {
-            f"p_plus={p:g}/L={size}/{name}": curve
-            for (p, size), named in table.curves.items()
-            for name, curve in named.items()
-        }
-        write_folder(
-            output,
-            {
-                "table2.csv": write_csv(table.to_rows()),
-                "table2.json": write_json(table.to_dict() | {"seconds": elapsed}),
-                "curves.npz": write_curves(curves),
-                **{f"{n}.png": saver(f) for n, f in table2_figures(table).items()},
-            },
-        )
+    table, seconds = reproduce(
+        "table2", "Table II", reproduce_table2, settings, table2_figures, "p_plus={:g}/L={}", output
+    )
     console.print(_view(table))
     console.print(
         "Errors are statistical ± systematic; the last column is the distance from the paper in "
         "combined standard errors, the paper's errors of α propagated anew. "
-        f"{elapsed:.0f} s; tables and pictures are in [bold]{output}[/].",
+        f"{seconds:.0f} s; tables and pictures are in [bold]{output}[/].",
         highlight=False,
     )
 

@@ -44,10 +44,11 @@ class Model(eqx.Module):
     free: tuple[str, ...] = eqx.field(static=True)
     logarithmic: tuple[bool, ...] = eqx.field(static=True)
 
-    def values(self, parameters: Float[Array, " parameter"]) -> dict[str, Array]:
+    def values(self, parameters: Float[Array | np.ndarray, " parameter"]) -> dict[str, Any]:
         """The parameters by name, in their own units."""
+        exp = np.exp if isinstance(parameters, np.ndarray) else jnp.exp
         logs = zip(self.free, self.logarithmic, parameters, strict=True)
-        values = {name: jnp.exp(p) if is_log else p for name, is_log, p in logs}
+        values = {name: exp(p) if is_log else p for name, is_log, p in logs}
         if NOISE in values:
             values[NOISE] = values[NOISE] * self.noise_scale
         return values
@@ -111,11 +112,11 @@ class Minimum(eqx.Module):
             one at a kink.
     """
 
-    parameters: Float[Array | np.ndarray, "map parameter"]
-    expected: Float[Array | np.ndarray, "map mode"]
-    slopes: Float[Array | np.ndarray, "map mode parameter"]
-    deviance: Float[Array | np.ndarray, " map"]
-    gain: Float[Array | np.ndarray, " map"]
+    parameters: Float[Array | np.ndarray, "*map parameter"]
+    expected: Float[Array | np.ndarray, "*map mode"]
+    slopes: Float[Array | np.ndarray, "*map mode parameter"]
+    deviance: Float[Array | np.ndarray, "*map"]
+    gain: Float[Array | np.ndarray, "*map"]
 
 
 def minimise(
@@ -199,8 +200,9 @@ def _minimise(model, observer, periodogram, multiplicity, start, low, high):
                 point = best(point, point + jnp.linspace(-SCAN, SCAN, 25)[:, None] * along)
             return point
 
-        # the second round starts with the right unit of each parameter
-        point = run(jax.lax.fori_loop(0, 2, round_, jnp.clip(begin, low, high)))
+        # the second round starts with the right unit of each parameter, the third from the scan
+        rounds = 3 if scanned else 2
+        point = jax.lax.fori_loop(0, rounds, round_, jnp.clip(begin, low, high))
         unit, _ = covariance(point)
         value = at(point)
         tenths = 0.1 * jnp.concatenate([jnp.diag(unit), -jnp.diag(unit)])

@@ -94,7 +94,8 @@ def fit_likelihood(
     if boundary == "periodic" and mask is None:
         data = _periodic(maps, float(spacing))
     else:
-        data = _debiased.observe(maps, mask, boundary, float(spacing), surround)
+        valid = None if mask is None else np.asarray(mask)
+        data = _debiased.observe(maps, valid, boundary, float(spacing), surround)
     if not each:
         pooled = data.periodogram.mean(0, keepdims=True)
         data = data._replace(
@@ -221,7 +222,7 @@ def _fit(
     variance: np.ndarray | None,
 ) -> Fit:
     """The k-th map's minimum as a `Fit`, in the parameters' own units."""
-    point, names = found.parameters[k], model.free
+    point, names = np.asarray(found.parameters[k]), model.free
     values = {name: float(v) for name, v in model.values(point).items()}
     units = {NOISE: float(model.noise_scale)}
     slopes = np.array(
@@ -230,7 +231,7 @@ def _fit(
             for name, is_log in zip(names, model.logarithmic, strict=True)
         ]
     )
-    fisher = _whittle.fisher(found.slopes[k], data.multiplicity)
+    fisher = _whittle.fisher(np.asarray(found.slopes[k]), data.multiplicity)
     status, covariance = CONVERGED, np.full((len(names), len(names)), np.inf)
     if not np.all(np.isfinite(fisher)) or np.linalg.matrix_rank(fisher, hermitian=True) < len(
         names
@@ -255,7 +256,7 @@ def _fit(
                 f"at its bound: {shown}. The other values hold given this one; keep it by fixed= "
                 "(or noise=False), or widen bounds=."
             )
-    q, ratio, error = _residual_spectrum(data, found.expected[k], k)
+    q, ratio, error = _residual_spectrum(data, np.asarray(found.expected[k]), k)
     return Fit(
         model=f"likelihood of {type(model.law).__name__}" + " with noise" * (NOISE in names),
         values=values,

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 import jaxsurf as js
-from jaxsurf.analysis.time_scaling import scale_in_time, width_in_time
+from jaxsurf.analysis.time_scaling import loops_in_time, scale_in_time, width_in_time
 
 TIMES = {"edwards-wilkinson": 2.0 ** np.arange(2, 9), "mullins-herring": 4.0 ** np.arange(2, 8)}
 EXACT = {"edwards-wilkinson": (0.0, 2.0), "mullins-herring": (1.0, 4.0)}
@@ -67,6 +67,47 @@ def test_width_is_the_variance_of_each_map():
     # float32 heights of order one: relative error 1e-6
     np.testing.assert_allclose(curve.samples, heights.var((-2, -1)).T, rtol=1e-4)
     np.testing.assert_array_equal(curve.scale, [1, 2, 4])
+
+
+def test_loops_of_every_time_and_surface():
+    heights = js.grow_single_step(
+        (32, 32), p_plus=0.1, sweeps=4, snapshots=[1, 4], batch=3, key=jax.random.key(0)
+    )
+    found = loops_in_time(heights, [1, 4], points=50, rng=0)
+    assert list(found) == [1.0, 4.0]
+    for curves in found.values():
+        assert set(curves) == {"mean_length", "length_tail", "loop_correlation"}
+        assert all(curve.surfaces == 3 for curve in curves.values())
+    again = loops_in_time(heights, [1, 4], points=50, rng=0)
+    np.testing.assert_array_equal(
+        found[4.0]["length_tail"].samples, again[4.0]["length_tail"].samples
+    )
+
+
+@pytest.mark.slow
+def test_loops_beyond_the_correlation_length_are_percolation_hulls():
+    times = [0.5, 4096.0]
+    heights = js.grow_linear(
+        (256, 256),
+        equation="edwards-wilkinson",
+        time=times[-1],
+        snapshots=times,
+        batch=16,
+        key=jax.random.key(2),
+        coefficient=0.25,
+    )
+    early, late = loops_in_time(heights, times, points=1500, rng=3).values()
+    windows = {"mean_length": (10, 64), "length_tail": (60, 1500), "loop_correlation": (10, 64)}
+    exact = {"mean_length": 7 / 4, "length_tail": -4 / 7, "loop_correlation": -5 / 4}
+    for kind, window in windows.items():
+        young = js.fit_power_law(early[kind], window=window, weighting="equal", draws=50)
+        old = js.fit_power_law(late[kind], window=window, weighting="equal", draws=50)
+        # xi = 0.5, and R starts at 20 xi, where the correction R^(-3/4) is below a tenth
+        assert (
+            abs(young.values["exponent"] - exact[kind]) < 4 * young.total_error("exponent") + 0.03
+        )
+        # the control: once xi = 45, the loops are those of alpha = 0, D_f = 3/2, 1/3 and 1
+        assert abs(old.values["exponent"] - exact[kind]) > 4 * old.stderr["exponent"], kind
 
 
 @pytest.mark.usefixtures("as_a_user")

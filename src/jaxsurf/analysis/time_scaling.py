@@ -27,6 +27,7 @@ from jaxsurf.fitting.collapse import fit_collapse
 from jaxsurf.fitting.crossover import fit_crossover
 from jaxsurf.fitting.fit import Fit
 from jaxsurf.fitting.power_law import fit_power_law
+from jaxsurf.loops.trace import trace_loops
 from jaxsurf.measures.fourier import power_spectrum
 
 Times = Sequence[float | int] | Num[np.ndarray, " time"]
@@ -158,6 +159,50 @@ def scale_in_time(
         knees[time] = fit_crossover(spectrum, windows=limits, start=start, draws=draws)
     report(1.0, "done")
     return TimeScaling(tuple(moments.tolist()), width, spectra, beta, collapse, knees)
+
+
+def loops_in_time(
+    heights: Num[Array | np.ndarray, "time surface x y"],
+    times: Times,
+    *,
+    points: int = 400,
+    rng: np.random.Generator | int,
+) -> dict[float, dict[str, Curve]]:
+    r"""Contour loop statistics at each time: self-affine up to xi(t), percolation beyond.
+
+    $$\langle s \rangle = R^{D_f} f(R/t^{1/z}), \qquad f(u) \to u^{7/4 - D_f} \text{ as } u \to
+    \infty$$
+
+    and likewise for $P_>(s)$, which turns to $s^{-4/7}$, and $G(r)$, which turns to $r^{-5/4}$.
+
+    Arguments:
+        heights: periodic maps, from `grow_single_step(..., snapshots=times)` or `grow_linear`.
+        times: of the snapshots, ascending.
+        points: starting points on each map.
+        rng: a generator, or a seed.
+
+    Returns:
+        Time -> "mean_length", "length_tail" and "loop_correlation", one row a surface; each of
+        them a mapping for `fit_collapse(..., versus="time")`.
+
+    Raises:
+        ValueError: times that are not ascending and positive, heights that do not fit them.
+
+    Source: the paper's Eqs. (scross), (perc_results).
+    """
+    maps, moments = _checked(heights, times)
+    generator = np.random.default_rng(rng)
+    curves = {}
+    for time, surfaces in zip(moments.tolist(), maps, strict=True):
+        # whole-numbered heights stay so, for the tracer to see that they need dithering
+        whole = surfaces.astype(int) if np.asarray(heights).dtype.kind in "iu" else surfaces
+        loops = trace_loops(whole, points, rng=generator, correlation=True)
+        curves[time] = {
+            "mean_length": loops.mean_length(),
+            "length_tail": loops.length_tail(),
+            "loop_correlation": loops.correlation(),
+        }
+    return curves
 
 
 def _checked(heights: Any, times: Any) -> tuple[Any, Float[np.ndarray, " time"]]:

@@ -91,12 +91,12 @@ def free_field(side, surfaces):
             )
 
 
-def correlation(side, surfaces, alphas, draws):
-    print(f"2 x_l from all pairs, L {side}, {surfaces} surfaces, {draws} draws; conjectured 1")
+def correlation(side, surfaces, alphas, fields):
+    print(f"2 x_l from all pairs, L {side}, {surfaces} surfaces, {fields} fields; conjectured 1")
     for alpha in alphas:
         begin = time.time()
         curve = curves_of(
-            lambda loops: loops.correlation(draws=draws), surfaces, side, alpha, 4, paths=True
+            lambda loops: loops.correlation(fields=fields), surfaces, side, alpha, 8, paths=True
         )
         said = []
         for low, high in ((4.0, 16.0), (8.0, 32.0), (16.0, 64.0), (32.0, 128.0), (64.0, 256.0)):
@@ -108,14 +108,14 @@ def correlation(side, surfaces, alphas, draws):
         print(f"alpha {alpha:.1f}  {'  '.join(said)}  {time.time() - begin:.0f} s", flush=True)
 
 
-def single_loop(side, surfaces, alphas, draws):
+def single_loop(side, surfaces, alphas, fields):
     print(f"G_s(r) ~ r^-a of loops of one length, L {side}, {surfaces} surfaces")
     for alpha in alphas:
         dimension = js.theory.fractal_dimension(alpha)
         length = (side / 8) ** dimension
         wanted = (length, 2 * length)
         curve = curves_of(
-            lambda loops, wanted=wanted: loops.correlation(draws=draws, lengths=wanted),
+            lambda loops, wanted=wanted: loops.correlation(fields=fields, lengths=wanted),
             surfaces,
             side,
             alpha,
@@ -135,7 +135,7 @@ if __name__ == "__main__":
     parser.add_argument("--side", type=int)
     parser.add_argument("--surfaces", type=int)
     parser.add_argument("--alphas", type=float, nargs="*", default=[0.0, 0.2, 0.4, 0.6, 0.8, 1.0])
-    parser.add_argument("--draws", type=int, default=2)
+    parser.add_argument("--fields", type=int, default=16)
     chosen = parser.parse_args()
     side, surfaces = chosen.side, chosen.surfaces
     if chosen.what == "cardy-ziff":
@@ -143,6 +143,6 @@ if __name__ == "__main__":
     elif chosen.what == "free-field":
         free_field(side or 4096, surfaces or 12)
     elif chosen.what == "correlation":
-        correlation(side or 2048, surfaces or 16, chosen.alphas, chosen.draws)
+        correlation(side or 2048, surfaces or 16, chosen.alphas, chosen.fields)
     else:
-        single_loop(side or 1024, surfaces or 24, chosen.alphas, chosen.draws)
+        single_loop(side or 1024, surfaces or 24, chosen.alphas, chosen.fields)

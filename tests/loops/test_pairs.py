@@ -1,9 +1,8 @@
-import itertools
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from jaxsurf.loops import pairs as pairs_module
 from jaxsurf.loops.levels import level_loops
 from jaxsurf.loops.pairs import all_pairs_correlation
 from jaxsurf.loops.statistics import shell_bins
@@ -37,31 +36,43 @@ def smooth_map(seed, shape):
 
 
 @pytest.mark.parametrize("boundary", ["periodic", "open"])
-def test_all_signs_together_give_every_pair_exactly(boundary, monkeypatch):
-    h = smooth_map(3, (22, 17))
-    loops = level_loops(h, [0.4 * h.std()], boundary=boundary, paths=True)
-    count = np.count_nonzero(loops.closed)
-    assert 3 <= count <= 9
-    every = np.array(list(itertools.product([-1.0, 1.0], repeat=count)))
-    monkeypatch.setattr(pairs_module, "_signs", lambda rng, label, draws: every[:, label])
-    curve = all_pairs_correlation(loops)
+def test_a_field_for_each_loop_gives_every_pair_exactly(boundary):
+    h = smooth_map(3, (32, 27))
+    loops = level_loops(h, 3, boundary=boundary, paths=True)
     is_open = boundary == "open"
     expected = brute_force(loops, tuple(s - is_open for s in h.shape), is_open)
-    # the field is in single precision: relative rounding of 1e-7, a few hundred terms
-    np.testing.assert_allclose(curve.samples[0], expected, rtol=1e-4, atol=1e-6)
+    curve = all_pairs_correlation(loops, fields=len(loops))
+    # the fields are in single precision: relative rounding of 1e-7, a few thousand terms
+    np.testing.assert_allclose(curve.samples[0], expected, rtol=1e-3, atol=1e-6)
+    assert np.count_nonzero(loops.closed) > 10
 
 
-def test_draws_scatter_around_every_pair():
+@pytest.mark.parametrize("fields", [1, 4])
+def test_signs_scatter_around_every_pair(fields):
     h = smooth_map(4, (32, 32))
     loops = level_loops(h, 3, rng=0, paths=True)
     expected = brute_force(loops, h.shape, False)
-    curves = np.array([loops.correlation(draws=2, rng=seed).samples[0] for seed in range(60)])
-    error = curves.std(0, ddof=1) / np.sqrt(60)
+    curves = np.array([loops.correlation(fields=fields, rng=k).samples[0] for k in range(100)])
+    error = curves.std(0, ddof=1) / 10 + 1e-6  # and single precision
     assert np.all(np.abs(curves.mean(0) - expected) < 5 * error)
-    # the control: without signs every loop would correlate with every other
-    same = all_pairs_correlation(loops, draws=60).samples[0]
-    assert np.all(np.abs(same - expected) < np.abs(1.3 * expected - expected) + 10 * error)
-    assert np.any(np.abs(1.3 * expected - expected) > 10 * error)
+    # the control: points of all loops alike, without signs, are seen to be something else
+    one = replace(
+        loops.select(loops.closed), length=np.array([loops.length[loops.closed].sum()]), **ONE_LOOP
+    )
+    unsigned = all_pairs_correlation(one).samples[0]
+    assert np.any(np.abs(unsigned - expected) > 10 * error)
+
+
+ONE_LOOP = {
+    "radius": np.array([1]),
+    "area": np.array([0]),
+    "winding": np.zeros((1, 2), int),
+    "is_open": np.zeros(1, bool),
+    "surface": np.array([0]),
+    "level": np.array([0.0]),
+    "weight": np.array([1.0]),
+    "centroid": None,
+}
 
 
 def test_lengths_select_loops_and_per_weighs_them():
@@ -95,7 +106,7 @@ def test_misuse_says_value_rule_and_remedy():
     mask[3, 3] = False
     with pytest.raises(ValueError, match="some plaquettes are masked"):
         level_loops(h, 2, mask=mask, paths=True).correlation()
-    with pytest.raises(ValueError, match="draws must be at least 1; got 0"):
-        level_loops(h, 2, paths=True).correlation(draws=0)
+    with pytest.raises(ValueError, match="fields must be at least 1; got 0"):
+        level_loops(h, 2, paths=True).correlation(fields=0)
     empty = level_loops(h, [1e9], paths=True).correlation()
     assert empty.count.sum() == 0

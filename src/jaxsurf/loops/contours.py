@@ -28,7 +28,6 @@ from jaxsurf.loops.walk import STEP_X, STEP_Y, mean_height
 # for (i+1, j), 8 for (i+1, j+1).
 _CORNER_BITS = (1, 4, 8, 2)  # of the corners counterclockwise, as in `walk`
 SADDLES = (6, 9)
-SITES_OF_A_STRIP = 1 << 16
 
 
 def _exits() -> np.ndarray:
@@ -78,20 +77,17 @@ def contour(heights: np.ndarray, which: np.ndarray, levels: np.ndarray) -> Conto
         levels: the level of each; sites above are those higher than it.
     """
     side_x, side_y = heights.shape[1:]
-    code = _codes(heights, which, levels)
-    padded = code.shape[1:]
-    flat = code.reshape(-1)
-    cell = np.flatnonzero((flat - np.uint8(1)) < 14)  # neither all below, 0, nor all above, 15
-    codes = flat[cell]
+    cell, codes = _crossed(heights, which, levels)
+    padded = side_x + 2, side_y + 2
     is_saddle = (codes == SADDLES[0]) | (codes == SADDLES[1])
     saddle = np.flatnonzero(is_saddle)
     # A saddle has two nodes in a row: a strand entered in direction 0 or 1, and one in 2 or 3.
     strands = np.ones(len(cell), np.int32)
     strands[saddle] = 2
     number = np.cumsum(strands, dtype=np.int32) - strands
-    node = np.empty(flat.size, np.int32)
+    node = np.empty(len(which) * padded[0] * padded[1], np.int32)
     node[cell] = number
-    ring = node.reshape(code.shape)  # the ring around each map repeats its other side
+    ring = node.reshape(len(which), *padded)  # the ring around each map repeats its other side
     ring[:, 0], ring[:, -1] = ring[:, side_x], ring[:, 1]
     ring[:, :, 0], ring[:, :, -1] = ring[:, :, side_y], ring[:, :, 1]
 
@@ -110,26 +106,36 @@ def contour(heights: np.ndarray, which: np.ndarray, levels: np.ndarray) -> Conto
     return Contours(start, step_x, step_y, cell.take(order), (padded[0], padded[1]))
 
 
-def _codes(heights: np.ndarray, which: np.ndarray, levels: np.ndarray) -> np.ndarray:
-    """The code of every plaquette, with a ring around each map; some strips at a time, in cache."""
+def _crossed(
+    heights: np.ndarray, which: np.ndarray, levels: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """The plaquettes that contours cross, as cells of the padded stack, and their codes.
+
+    Most plaquettes have all corners on one side: they are told apart eight at a time, as bits.
+    """
     side_x, side_y = heights.shape[1:]
-    code = np.empty((len(which), side_x + 2, side_y + 2), np.uint8)
-    code[:, 0] = code[:, -1] = code[:, :, 0] = code[:, :, -1] = 0
-    step = max(1, SITES_OF_A_STRIP // side_y)
-    for board, surface, level in zip(code, which, levels, strict=True):
-        for start in range(0, side_x, step):
-            stop = min(start + step, side_x)
-            bits = np.empty((stop - start + 1, side_y), bool)
-            np.greater(heights[surface, start:stop], level, out=bits[:-1])
-            np.greater(heights[surface, stop % side_x], level, out=bits[-1])
-            column = np.empty(bits.shape, np.uint8)  # the corners at (i, j) and (i, j+1)
-            np.left_shift(bits.view(np.uint8)[:, 1:], 1, out=column[:, :-1])
-            np.left_shift(bits.view(np.uint8)[:, 0], 1, out=column[:, -1])
-            column |= bits.view(np.uint8)
-            inner = board[start + 1 : stop + 1, 1:-1]
-            np.left_shift(column[1:], 2, out=inner)
-            inner |= column[:-1]
-    return code
+    above = np.empty((len(which), side_x + 1, side_y + 1), bool)
+    for board, surface, level in zip(above, which, levels, strict=True):
+        np.greater(heights[surface], level, out=board[:-1, :-1])
+    above[:, -1], above[:, :, -1] = above[:, 0], above[:, :, 0]
+    low = np.packbits(above[:, :, :-1], axis=-1, bitorder="little")  # corners (i, j)
+    high = low >> 1  # corners (i, j+1)
+    high[..., :-1] |= low[..., 1:] << 7
+    high[..., -1] |= (low[..., 0] & 1) << ((side_y - 1) % 8)
+    every, some = low & high, low | high
+    mixed = (some[:, :-1] | some[:, 1:]) ^ (every[:, :-1] & every[:, 1:])
+    byte = np.flatnonzero(mixed)
+    bit = np.flatnonzero(np.unpackbits(mixed.reshape(-1)[byte].astype(np.uint8), bitorder="little"))
+    row, column = np.divmod(byte, mixed.shape[2])
+    board = row // side_x
+    within = (bit >> 3, bit & 7)
+    site = ((row + board) * (side_y + 1) + 8 * column)[within[0]] + within[1]
+    cell = ((row + 2 * board + 1) * (side_y + 2) + 8 * column + 1)[within[0]] + within[1]
+    signs = above.reshape(-1).view(np.uint8)
+    codes = signs[site]
+    for corner, offset in ((1, 1), (2, side_y + 1), (3, side_y + 2)):
+        codes |= signs.take(site + offset, mode="clip") << corner
+    return cell, codes
 
 
 def _resolve_saddles(

@@ -7,8 +7,11 @@ loop an independent random sign and put the signed visits of its points on the d
 $$f(x) = \sum_\ell \sigma_\ell\, n_\ell(x), \qquad
 \langle f * f \rangle_\sigma (r) = \sum_\ell \sum_x n_\ell(x)\, n_\ell(x + r) ,$$
 
-for the cross terms vanish in expectation. The autocorrelation of each draw costs one transform, and
-is free of bias at distances below half the map; its noise shows in the scatter between surfaces.
+for the cross terms vanish in expectation. Their noise comes mostly from a few long loops, so the
+loops are dealt out, longest first, over several such fields, whose autocorrelations are added:
+loops of different fields have no cross terms at all, and with a field for each loop the sum is
+exact. It is free of bias at distances below half the map, and what noise is left shows in the
+scatter between surfaces.
 
 Distances are those on the torus. On an open map the field is padded, and pairs are counted against
 those that fit on the map.
@@ -27,7 +30,7 @@ from jaxsurf.loops.statistics import BIN_RATIO, curve_details, loop_weights, she
 def all_pairs_correlation(
     loops: Loops,
     *,
-    draws: int = 4,
+    fields: int = 8,
     rng: np.random.Generator | int = 0,
     lengths: tuple[float | int, float | int] | None = None,
     per: str | None = None,
@@ -43,7 +46,8 @@ def all_pairs_correlation(
 
     Arguments:
         loops: from `level_loops(..., paths=True)`.
-        draws: random signs drawn for each loop; the noise of the cross terms falls as their root.
+        fields: how many the loops of a surface are dealt over; a transform each. The noise of the
+            cross terms falls at least as their root.
         rng: a Generator, or the seed of one.
         lengths: keep loops with lengths in this range, in units of length.
         per: what an average counts once, as for `mean_length`.
@@ -54,11 +58,11 @@ def all_pairs_correlation(
         the scatter between surfaces, hold the noise of the signs too.
 
     Raises:
-        ValueError: paths were not kept, the map has masked sites, no draws.
+        ValueError: paths were not kept, the map has masked sites, no fields.
 
     Source: the paper's Eq. (loopcorr), all pairs instead of those with one start.
     """
-    draws = check_count("draws", draws)
+    fields = check_count("fields", fields)
     if loops.vertices is None:
         raise ValueError(
             "correlation needs the points of each loop; these loops have none. "
@@ -90,8 +94,9 @@ def all_pairs_correlation(
         part = slice(begin[surface], begin[surface + 1])
         if part.start == part.stop:
             continue
-        signs = _signs(np.random.default_rng(seeds[surface]), label[part], draws)
-        pairs = _autocorrelation(cell[part], signs * amplitude[label[part]], grid)
+        field, sign = _dealt(np.random.default_rng(seeds[surface]), chosen, surface, fields)
+        value = amplitude[label[part]] * sign[label[part] - label[part.start]]
+        pairs = _autocorrelation(cell[part], value, field[label[part] - label[part.start]], grid)
         if is_open:
             fits = _fitting(cell[part], (amplitude**2)[label[part]], sides, grid)
         else:
@@ -108,20 +113,27 @@ def all_pairs_correlation(
     )
 
 
-def _signs(rng: np.random.Generator, label: np.ndarray, draws: int) -> np.ndarray:
-    """Random signs [draw, point], the same along each loop."""
-    loop = label - label[0]
-    return (2.0 * rng.integers(0, 2, (draws, loop[-1] + 1)) - 1)[:, loop]
+def _dealt(
+    rng: np.random.Generator, loops: Loops, surface: int, fields: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """The field each loop of a surface is put in, longest first in turn, and its random sign."""
+    length = loops.length[loops.surface == surface]
+    field = np.empty(len(length), int)
+    field[np.argsort(-length, kind="stable")] = np.arange(len(length)) % fields
+    return field, 2.0 * rng.integers(0, 2, len(length)) - 1
 
 
-def _autocorrelation(cell: np.ndarray, values: np.ndarray, grid: tuple[int, ...]) -> np.ndarray:
-    """The sum over sites of f(x) f(x + r), averaged over the fields of values [draw, point]."""
+def _autocorrelation(
+    cell: np.ndarray, value: np.ndarray, field: np.ndarray, grid: tuple[int, ...]
+) -> np.ndarray:
+    """The sum over sites of f(x) f(x + r), summed over the fields."""
     power = np.zeros((grid[0], grid[1] // 2 + 1))
-    for each in values:
-        field = np.bincount(cell, each, grid[0] * grid[1]).astype(np.float32)
-        modes = np.fft.rfft2(field.reshape(grid))
+    order = np.argsort(field, kind="stable")
+    for part in np.split(order, np.flatnonzero(np.diff(field[order])) + 1):
+        values = np.bincount(cell[part], value[part], grid[0] * grid[1]).astype(np.float32)
+        modes = np.fft.rfft2(values.reshape(grid))
         power += modes.real**2 + modes.imag**2
-    return np.fft.irfft2(power / len(values), s=grid)
+    return np.fft.irfft2(power, s=grid)
 
 
 def _fitting(

@@ -5,6 +5,10 @@ The library is one sentence: law -> surface -> measure -> curve -> fit -> report
 
 from jaxsurf import laws as laws
 from jaxsurf import theory as theory
+from jaxsurf.analysis.multiaffinity import GeneralisedExponents as GeneralisedExponents
+from jaxsurf.analysis.multiaffinity import generalised_exponents as generalised_exponents
+from jaxsurf.analysis.time_scaling import loops_in_time as loops_in_time
+from jaxsurf.analysis.time_scaling import scale_in_time as scale_in_time
 from jaxsurf.curve import Curve as Curve
 from jaxsurf.curve import concatenate as concatenate
 from jaxsurf.fitting.collapse import fit_collapse as fit_collapse

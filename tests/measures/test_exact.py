@@ -1,4 +1,4 @@
-"""Identities between the measures and hand-derived values: they hold to rounding, not on average."""
+"""Identities and hand-derived values: they hold to rounding, not on average."""
 
 import jax
 import jax.numpy as jnp
@@ -50,8 +50,9 @@ def test_height_correlation_from_the_spectrum_and_from_the_differences(shape):
         phase = spectrum.q_x[:, None] * r[0] + spectrum.q_y[None, :] * r[1]
         from_spectrum = 2 / area * (spectrum.values * (1 - np.cos(spacing * phase))).sum((1, 2))
         differences = np.roll(heights, (-r[0], -r[1]), (1, 2)) - heights
-        at = np.argmin(abs(correlation.x - spacing * r[0])), np.argmin(
-            abs(correlation.y - spacing * r[1])
+        at = (
+            np.argmin(abs(correlation.x - spacing * r[0])),
+            np.argmin(abs(correlation.y - spacing * r[1])),
         )
         by_transform = correlation.values[:, at[0], at[1]]
         np.testing.assert_allclose(from_spectrum, (differences**2).mean((1, 2)), **ROUNDING)
@@ -237,8 +238,9 @@ def test_custom_offsets_are_a_second_difference():
 
 def test_dtype_and_batch_are_kept():
     heights = rough(10, (2, 3, 16, 16))
-    wide, narrow = js.curvature_moment(heights, [1]), js.curvature_moment(
-        jnp.asarray(heights, jnp.float32), [1]
+    wide, narrow = (
+        js.curvature_moment(heights, [1]),
+        js.curvature_moment(jnp.asarray(heights, jnp.float32), [1]),
     )
     assert wide.samples.dtype == np.float64
     assert narrow.samples.dtype == np.float32

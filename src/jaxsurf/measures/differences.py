@@ -28,7 +28,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
-from scipy.fft import next_fast_len
 
 from jaxsurf import _grid
 from jaxsurf._checks import check_choice, check_in_range
@@ -133,6 +132,8 @@ def _power(modes: Array) -> Array:
 
 def _padded_side(side: int) -> int:
     """A side on which separations up to half the map do not wrap round, quick to transform."""
+    from scipy.fft import next_fast_len  # kept out of `import jaxsurf`
+
     return int(np.asarray(next_fast_len(side + side // 2, real=True)))
 
 

@@ -1,9 +1,10 @@
 r"""Multiaffinity: is one exponent enough?
 
-A self-affine surface has one exponent, $D_q(r) \sim r^{\alpha_q}$ with $\alpha_q = q\alpha$ for
-every q. On a multiaffine one $\alpha_q/q$ falls with q: its large differences, which the high orders
-see, scale otherwise than its typical ones. Whether growing surfaces are multiaffine is the paper's
-open question; a Gaussian surface is not, whatever its spectrum, because $D_q = c_q D_2^{q/2}$ there.
+A self-affine surface has one exponent, $D_q(r) \sim r^{\alpha_q}$ with $\alpha_q = q\alpha$
+for every q. On a multiaffine one $\alpha_q/q$ falls with q: its large differences, which the high
+orders see, scale otherwise than its typical ones. Whether growing surfaces are multiaffine is the
+paper's open question; a Gaussian surface is not, whatever its spectrum, since there
+$D_q = c_q D_2^{q/2}$.
 
 The exponents are slopes of $\ln D_q$ against $\ln r$ over one window for all orders. They are
 strongly correlated, since they come from the same differences, so that the test takes their full

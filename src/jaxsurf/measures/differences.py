@@ -150,7 +150,9 @@ def _pairs(valid: Bool[Array, "x y"], padded: tuple[int, ...]) -> Array:
         return pairs.astype(jnp.float32)
 
 
-def _cropped(field: Float[Array, "x y"], shape: tuple[int, int]) -> Float[Array, "x y"]:
+def _cropped(
+    field: Float[Array, "padded_x padded_y"], shape: tuple[int, int]
+) -> Float[Array, "x y"]:
     """The entries of a padded map at the separations of `_grid.separations(shape)`."""
     for axis, side in enumerate(shape):
         if field.shape[axis] > side:

@@ -9,11 +9,11 @@ from jaxsurf import theory
 from jaxsurf.analysis.table2 import (
     COLUMNS,
     Table2Settings,
-    grow,
     merge_scales,
     paper_entry,
     reproduce_table2,
 )
+from jaxsurf.analysis.table2_runs import grow
 from jaxsurf.curve import Curve
 
 # Sublattice updates: the fastest to compile and to run; what is tested here is the path.

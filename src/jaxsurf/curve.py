@@ -136,7 +136,7 @@ class Curve(eqx.Module):
         """One of `details` by its name."""
         return dict(self.details).get(name, default)
 
-    def window(self, low: float, high: float) -> "Curve":
+    def window(self, low: float | int, high: float | int) -> "Curve":
         """The part of the curve with low <= scale <= high, missing scales left out."""
         keep = np.asarray((self.scale >= low) & (self.scale <= high) & ~self.missing)
         return self._with(self.scale[keep], self.samples[:, keep], self.weights[:, keep])

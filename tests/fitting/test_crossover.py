@@ -114,7 +114,7 @@ def test_curvature_kernel_agrees_with_the_exact_expectation(direction):
     assert found is not None
     log_v, kernel = found
     summed = kernel @ (np.exp(log_v) / np.pi) ** 3.2
-    # rings 3 % wide: S bends by 3.2 * 4.2 / 2 * (0.03^2 / 12) = 5e-4 within one
+    # rings 1 % wide: S = q^-3.2 varies by 3.2 % across one, and only its uneven part counts
     np.testing.assert_allclose(summed, exact, rtol=1e-3)
 
 

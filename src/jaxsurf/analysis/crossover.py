@@ -1,8 +1,8 @@
 r"""Fig. 11 of the paper: surfaces with a correlation length, and the knee in four measures.
 
 Gaussian surfaces with a flat spectrum below $\pi/\xi_q$ beside ones without a cutoff. Up to the
-knee all measures follow the self-affine exponents, beyond it those of percolation. One alpha and one xi
-are fitted through the knees of $\langle C_b^2\rangle$, $\langle s\rangle(R)$, $P_>(s)$ and
+knee all measures follow the self-affine exponents, beyond it those of percolation. One alpha and
+one xi are fitted through the knees of $\langle C_b^2\rangle$, $\langle s\rangle(R)$, $P_>(s)$ and
 $G(r)$; each measure's own xi stands beside them, and a chi2 says whether they agree.
 
 A knee is where two straight lines meet, and they meet at another length in each loop measure:
@@ -34,8 +34,12 @@ Progress = Callable[[float, str], None]
 MEASURES = ("curvature_moment", "mean_length", "length_tail", "loop_correlation")
 #: Knee over xi at alpha = 0.4, measured at xi = 8 and 32 by benchmarks/crossover_knees.py.
 KNEES = {"mean_length": 4.84, "length_tail": 0.91, "loop_correlation": 1.06}
-#: Scales beyond the knee, in units of xi, for plain exponents there (the paper's 20 < R < 200).
-BEYOND = (2.0, 8.0)
+#: Scales beyond the knee, in units of xi, for plain exponents there.
+BEYOND = {
+    "mean_length": (5.0, 12.5),
+    "length_tail": (2.0, 8.0),
+    "loop_correlation": (2.0, 8.0),
+}
 
 
 @dataclass(frozen=True)
@@ -187,8 +191,7 @@ def measure_crossover(settings: CrossoverSettings, cutoff: float | int | None) -
 
 def _beyond(kind: str, settings: CrossoverSettings, fit: Fit) -> tuple[float, float]:
     """The window beyond the knee; for lengths, those of loops of these radii."""
-    low, high = (share * settings.cutoff for share in BEYOND)
-    high = min(high, settings.side / 5)
+    low, high = (share * settings.cutoff for share in BEYOND[kind])
     if kind != "length_tail":
         return low, high
     lengths = fit.details["fitted"]["mean_length"]

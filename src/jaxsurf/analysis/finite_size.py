@@ -7,8 +7,8 @@ lattice (Eq. FSSform).
 
 Loops that wind around the map are no loops of the plane and are left out of all three, but their
 length still counts in the total that $P_>$ and G are shares of. Without them in the total both
-would be too large by a factor $1 + O(L^{-(1-\alpha)/2})$, which falls so slowly with L that no collapse
-tells it from a smaller exponent.
+would be too large by a factor $1 + O(L^{-(1-\alpha)/2})$, which falls so slowly with L that no
+collapse tells it from a smaller exponent.
 
 Source: the paper's Sec. V C, Table I, Figs. 8 and 9.
 """

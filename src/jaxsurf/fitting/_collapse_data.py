@@ -158,7 +158,7 @@ def stack_curves(measures: Sequence[Mapping[float, Curve]], window: Window) -> S
 def systematic_errors(
     variants: Sequence[tuple[str, Any, Any]], names: tuple[str, ...], best: Any
 ) -> dict[str, float]:
-    """Root mean square shift of refits with one choice changed, less what chance shifts them by.
+    """Largest shift of a refit with one choice changed, less what chance shifts it by.
 
     Arguments:
         variants: (choice, values, variance beyond that of the best fit) of each refit. A refit to
@@ -170,7 +170,7 @@ def systematic_errors(
     if not variants:
         return {}
     excess = [np.clip((values - best) ** 2 - more, 0.0, None) for _, values, more in variants]
-    return dict(zip(names, np.sqrt(np.mean(excess, 0)).tolist(), strict=True))
+    return dict(zip(names, np.sqrt(np.max(excess, 0)).tolist(), strict=True))
 
 
 def _usable(curve: Curve, size: float, window: Window) -> Curve:

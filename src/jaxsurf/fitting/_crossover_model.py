@@ -1,9 +1,8 @@
 r"""The crossover's model: its parameters, their values, and the solver.
 
-See `crossover` for the equations. Lengths and amplitudes are fitted by their logarithms, the
-sharpness n by its inverse, which passes through zero where the knee is a corner: no parameter has a
-bound. The curvature variance follows exactly from a spectrum with a knee, so it is not given a knee
-of its own but summed over the map's modes.
+See `crossover` for the equations. Lengths, amplitudes and the sharpness n are fitted by their
+logarithms, so no parameter has a bound. The curvature variance follows exactly from a spectrum with
+a knee, so it is not given a knee of its own but summed over the map's modes.
 """
 
 from collections.abc import Mapping
@@ -21,10 +20,14 @@ from jaxsurf.curve import Curve
 from jaxsurf.fitting._collapse_solve import float64
 from jaxsurf.fitting._least_squares import Solution, least_squares
 
-#: A knee sharper than this is a corner to any data.
-SHARPEST = 100.0
+#: ln n is given a pull towards ln 4 with this error: nothing where data show the knee's shape, but
+#: a corner, which no n is sharp enough for, does not run off to infinity.
+TYPICAL_SHARPNESS, SHARPNESS_ERROR = 4.0, 3.0
+#: A sharp knee makes a long narrow valley: many steps, each cheap. The tolerance is hundreds of
+#: times below the errors.
+STEPS, TOLERANCE = 800, 1e-5
 #: Bins of wave number for the lattice sums: S varies little within.
-_Q_RATIO = 1.03
+_Q_RATIO = 1.01
 #: Kinds whose exponent below the knee depends on alpha, and how (in v, growing with length).
 BELOW = {
     "mean_length": theory.fractal_dimension,
@@ -49,7 +52,7 @@ class CrossoverModel:
     Attributes:
         kinds: the measures, in the order of the stack.
         names: the parameters, in the order of the vector: "alpha", "log_xi" (or one a measure, as
-            "log_xi[mean_length]"), and for each measure its log amplitude, bluntness, beyond.
+            "log_xi[mean_length]"), and for each measure its log amplitude, log sharpness, beyond.
         on_lattice: measures computed from the spectrum by `curvature_kernel`.
     """
 
@@ -58,8 +61,11 @@ class CrossoverModel:
     on_lattice: tuple[str, ...] = ()
 
     def __call__(self, vector: Float[Array, " parameter"], data: Mapping[str, Any]) -> Any:
-        """Whitened residuals."""
-        return data["whitening"] @ (data["log_y"] - self.log_y(vector, data))
+        """Whitened residuals, and those of the sharpness from its typical value."""
+        residuals = data["whitening"] @ (data["log_y"] - self.log_y(vector, data))
+        shapes = [i for i, name in enumerate(self.names) if name.startswith("log_sharpness")]
+        pull = (vector[np.array(shapes, int)] - np.log(TYPICAL_SHARPNESS)) / SHARPNESS_ERROR
+        return jnp.concatenate([residuals, pull])
 
     def log_y(self, vector: Any, data: Mapping[str, Any]) -> Any:
         """Logarithm of the model at each point."""
@@ -90,8 +96,7 @@ class CrossoverModel:
             log_knee = log_knee * theory.fractal_dimension(alpha)
             log_knee += self.value("log_amplitude", "mean_length", vector, 0.0)
         log_knee += data["log_ratio"][self.kinds.index(kind)]
-        bluntness = self.value("bluntness", kind, vector, data["bluntness"])
-        blunt = jnp.sqrt(bluntness**2 + SHARPEST**-2)
+        blunt = jnp.exp(-self.value("log_sharpness", kind, vector, data["log_sharpness"]))
         beyond = self.value("beyond", kind, vector, BEYOND.get(kind, 0.0))
         return below, beyond, log_knee, blunt, self.value("log_amplitude", kind, vector)
 
@@ -166,12 +171,9 @@ def reported(
         if name.startswith("log_"):
             number = np.exp(number)
             slope = number
-        elif name.startswith("bluntness"):
-            blunt = np.hypot(number, 1 / SHARPEST)
-            slope, number = number / blunt**3, 1 / blunt
         else:
             slope = 1.0
-        names.append(name.removeprefix("log_").replace("bluntness", "sharpness"))
+        names.append(name.removeprefix("log_"))
         values.append(number)
         slopes.append(slope)
     return tuple(names), np.array(values), np.array(slopes)
@@ -179,7 +181,7 @@ def reported(
 
 @partial(jax.jit, static_argnums=0)
 def _solve(model: CrossoverModel, start: Any, data: Mapping[str, Any]) -> Solution:
-    return least_squares(model, start, data, steps=200, tolerance=1e-7)
+    return least_squares(model, start, data, steps=STEPS, tolerance=TOLERANCE)
 
 
 @partial(jax.jit, static_argnums=0)

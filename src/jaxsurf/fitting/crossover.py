@@ -125,7 +125,7 @@ def fit_crossover(
         stderr=dict(zip(names, np.sqrt(np.diag(covariance)).tolist(), strict=True)),
         covariance=covariance,
         chi2=float(found.chi2),
-        dof=int(len(stack.x) - len(best)),
+        dof=int(len(stack.x) - sum("sharpness" not in name for name in names)),
         systematic=systematic_errors(variants, names, values),
         status=_status(found, good, dict(zip(names, values, strict=True)), stack),
         details={
@@ -204,7 +204,7 @@ def _names(
     for kind in kinds:
         names.append(f"log_amplitude[{kind}]")
         if fit_sharpness:
-            names.append(f"bluntness[{kind}]")
+            names.append(f"log_sharpness[{kind}]")
         if beyond == "free":
             names.append(f"beyond[{kind}]")
     return tuple(names)
@@ -222,7 +222,7 @@ def _fixed(
     fixed: dict[str, Any] = {
         "log_v": np.where(waves, np.log(np.pi) - log_x, log_x),
         "measure": stack.measure,
-        "bluntness": 1.0 if sharpness is None else 1 / float(sharpness),
+        "log_sharpness": 0.0 if sharpness is None else np.log(float(sharpness)),
         "log_ratio": np.log([float(knees.get(curve.kind, 1.0)) for curve in curves]),
     }
     for index, curve in enumerate(curves):
@@ -284,8 +284,8 @@ def _first_guess(name: str, alpha: float, log_xi: float) -> float:
         return alpha
     if name.startswith("log_xi"):
         return log_xi
-    if name.startswith("bluntness"):
-        return 0.4
+    if name.startswith("log_sharpness"):
+        return 1.0
     if name.startswith("beyond"):
         return float(BEYOND.get(name[7:-1], 0.0))
     return 0.0

@@ -34,7 +34,7 @@ def test_table1_prints_the_table_and_writes_its_files(tmp_path, capsys):
     assert names == {
         "table1.csv",
         "table1.json",
-        "curves.npz",
+        "table1_curves.npz",
         "contours.png",
         "mean_length.png",
         "length_tail.png",
@@ -56,7 +56,34 @@ def test_table2_prints_the_table_and_writes_its_files(tmp_path, capsys):
     assert "p₊ = 0.5" in printed
     assert "0.135 ± 0.002" in printed  # the paper's value beside ours
     names = {path.name for path in output.iterdir()}
-    assert {"table2.csv", "table2.json", "curves.npz", "spectrum.png", "collapse.png"} <= names
+    assert {
+        "table2.csv",
+        "table2.json",
+        "table2_curves.npz",
+        "spectrum.png",
+        "collapse.png",
+    } <= names
+
+
+def test_table1_with_finite_size_scaling(tmp_path, capsys):
+    output = tmp_path / "out"
+    words = [*QUICK, "--fss-sizes", 32, 48, 64, "--fss-sites", 20_000, "--output", output]
+    assert run(*words) == 0
+    printed = capsys.readouterr().out
+    assert "Table I, FSS: L = 32 to 64" in printed
+    assert "nearer to theory" in printed
+    assert {"fss.csv", "fss.json", "fss_curves.npz"} <= {path.name for path in output.iterdir()}
+
+
+def test_crossover_prints_the_knees_and_draws_the_panels(tmp_path, capsys):
+    output = tmp_path / "out"
+    words = ["crossover", "--side", 128, "--cutoff", 8, "--surfaces", 6, "--points", 100]
+    assert run(*words, "--output", output) == 0
+    printed = " ".join(capsys.readouterr().out.split())
+    assert "All measures together: α =" in printed
+    assert {"crossover.csv", "crossover.json", "crossover_curves.npz"} <= {
+        path.name for path in output.iterdir()
+    }
 
 
 def test_an_interruption_says_so_and_writes_nothing(tmp_path, monkeypatch, capsys):

@@ -52,18 +52,18 @@ def reproduce(
     compute: Callable[..., Any],
     settings: Any,
     figures: Callable[[Any], Mapping[str, Any]],
-    curve_name: str,
+    curves: Callable[[Any], Mapping[str, Any]],
     output: Path,
 ) -> tuple[Any, float]:
     """Compute one of the paper's tables under a progress bar and write all that belongs to it.
 
     Arguments:
-        name: of the files: name.csv, name.json.
+        name: of the files: name.csv, name.json, name_curves.npz.
         title: of the progress bar.
         compute: settings, progress -> the table.
         settings: what to compute.
         figures: table -> file name -> figure.
-        curve_name: what the keys of the table's curves mean: "alpha={:g}/L={}".
+        curves: table -> name -> curve, all that were measured.
         output: the folder.
 
     Returns:
@@ -76,17 +76,12 @@ def reproduce(
         table = compute(settings, progress=report)
         report(1.0, "drawing the pictures")
         seconds = time.perf_counter() - started
-        curves = {
-            f"{curve_name.format(*key)}/{kind}": curve
-            for key, kinds in table.curves.items()
-            for kind, curve in kinds.items()
-        }
         write_folder(
             output,
             {
                 f"{name}.csv": write_csv(table.to_rows()),
                 f"{name}.json": write_json(table.to_dict() | {"seconds": seconds}),
-                "curves.npz": write_curves(curves),
+                f"{name}_curves.npz": write_curves(curves(table)),
                 **{f"{file}.png": saver(figure) for file, figure in figures(table).items()},
             },
         )

@@ -69,7 +69,17 @@ def table2(
     base = Table2Settings.quick(seed) if quick else Table2Settings(seed=seed)
     settings = replace(base, **{name: v for name, v in given.items() if v is not None})
     table, seconds = reproduce(
-        "table2", "Table II", reproduce_table2, settings, table2_figures, "p_plus={:g}/L={}", output
+        "table2",
+        "Table II",
+        reproduce_table2,
+        settings,
+        table2_figures,
+        lambda table: {
+            f"p_plus={p:g}/L={side}/{name}": curve
+            for (p, side), named in table.curves.items()
+            for name, curve in named.items()
+        },
+        output,
     )
     console.print(_view(table))
     console.print(

@@ -5,6 +5,7 @@ The library is one sentence: law -> surface -> measure -> curve -> fit -> report
 
 from jaxsurf import laws as laws
 from jaxsurf import theory as theory
+from jaxsurf.analysis.fit_loops import fit_loops as fit_loops
 from jaxsurf.analysis.multiaffinity import GeneralisedExponents as GeneralisedExponents
 from jaxsurf.analysis.multiaffinity import generalised_exponents as generalised_exponents
 from jaxsurf.analysis.time_scaling import loops_in_time as loops_in_time

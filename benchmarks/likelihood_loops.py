@@ -1,0 +1,64 @@
+"""The table behind `fit_loops`, and how good its alpha is.
+
+    python benchmarks/likelihood_loops.py table [--sides 64 128 256 512]   # rewrites the table
+    python benchmarks/likelihood_loops.py check [--sides 512] [--surfaces 100]
+
+`check` prints bias, root mean square error and coverage at each alpha; the control is the slope
+inverted by the theory, alpha = 3 - 2 D_f.
+"""
+
+import argparse
+from pathlib import Path
+
+import jax
+import numpy as np
+
+import jaxsurf as js
+from jaxsurf.analysis import fit_loops as room
+
+TABLE = Path(room.__file__).parent / "tables" / room.SHIPPED
+
+
+def table(sides):
+    rows = []
+    for side in sides:
+        rows += room.simulate_slopes(side, "periodic")
+        room.write_table(TABLE, rows)
+        print(f"L = {side} done", flush=True)
+
+
+def check(sides, surfaces):
+    for side in sides:
+        for alpha in (0.0, 0.2, 0.4, 0.6, 0.8, 1.0):
+            fits = []
+            for i in range(surfaces):
+                key = jax.random.fold_in(jax.random.key(12345), i)
+                heights = js.sample(js.SelfAffine(alpha), (side, side), key=key)
+                fits.append(room.fit_loops(np.asarray(heights), rng=10**6 + i))
+            value = np.array([fit.values["alpha"] for fit in fits])
+            error = np.array([fit.total_error("alpha") for fit in fits])
+            line = np.array([3 - 2 * fit.details["slope"] for fit in fits])
+            print(
+                f"L = {side}, alpha = {alpha}: bias {value.mean() - alpha:+.4f} +- "
+                f"{value.std() / np.sqrt(surfaces):.4f}, rmse "
+                f"{np.sqrt(np.mean((value - alpha) ** 2)):.4f}, quoted {error.mean():.4f}, 68 % "
+                f"hold {100 * np.mean(np.abs(value - alpha) < error):.0f}; control 3 - 2 slope: "
+                f"bias {line.mean() - alpha:+.3f}",
+                flush=True,
+            )
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("what", choices=["table", "check"])
+    parser.add_argument("--sides", type=int, nargs="+")
+    parser.add_argument("--surfaces", type=int, default=100)
+    a = parser.parse_args()
+    if a.what == "table":
+        table(a.sides or [64, 128, 256, 512])
+    else:
+        check(a.sides or [512], a.surfaces)
+
+
+if __name__ == "__main__":
+    main()

@@ -229,7 +229,7 @@ def test_68_percent_intervals_cover_68_percent(case):
     options = {"plain": {}, "correction": {"correction": "size", "omega": 1.0}}[case]
     pulls, sets = [], 300
     for seed in range(sets):
-        fit = fit_collapse(loop_tails(seed, loops=100, **data), draws=60, rng=seed, **options)
+        fit = fit_collapse(loop_tails(seed, loops=100, **data), draws=100, rng=seed, **options)
         assert fit.converged
         exact = np.array([D_F, TAIL])
         pulls.append((np.array(list(fit.values.values())) - exact) / list(fit.stderr.values()))

@@ -165,7 +165,9 @@ def reproduce_crossover(
     report(0.8, "a xi for each measure")
     separate = fit_crossover(measured, shared=("alpha",), **options)
     beyond = {
-        kind: fit_power_law(curves["cutoff"][kind], window=_beyond(kind, settings, separate))
+        kind: fit_power_law(
+            curves["cutoff"][kind], window=_beyond(kind, settings, curves["cutoff"])
+        )
         for kind in PERCOLATION
     }
     report(1.0, "done")
@@ -189,15 +191,15 @@ def measure_crossover(settings: CrossoverSettings, cutoff: float | int | None) -
     }
 
 
-def _beyond(kind: str, settings: CrossoverSettings, fit: Fit) -> tuple[float, float]:
+def _beyond(
+    kind: str, settings: CrossoverSettings, curves: dict[str, Curve]
+) -> tuple[float, float]:
     """The window beyond the knee; for lengths, those of loops of these radii."""
     low, high = (share * settings.cutoff for share in BEYOND[kind])
     if kind != "length_tail":
         return low, high
-    lengths = fit.details["fitted"]["mean_length"]
-    s_low, s_high = np.exp(
-        np.interp(np.log([low, high]), np.log(lengths["scale"]), np.log(lengths["value"]))
-    )
+    lengths = curves["mean_length"].present()
+    s_low, s_high = np.interp([low, high], np.asarray(lengths.scale), np.asarray(lengths.mean))
     return float(s_low), float(s_high)
 
 

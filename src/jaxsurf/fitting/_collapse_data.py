@@ -101,7 +101,7 @@ class Stack:
                 shift, covariance = self._drawn(block, curves)
                 if len(np.unique(rows)) < 3:  # of two surfaces every correlation is +-1
                     covariance = block.covariance
-                log_y[block.rows] += shift * np.sqrt(surfaces / (surfaces - 1))
+                log_y[block.rows] += shift * np.sqrt(surfaces / max(surfaces - 3, 1))
                 blocks.append(Block(block.curves, block.rows, covariance))
             yield Stack(self.x, log_y, self.size, self.measure, tuple(blocks))
 

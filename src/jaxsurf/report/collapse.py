@@ -72,7 +72,6 @@ def plot_collapse(
     before.legend(fontsize=7, frameon=False, title="size", title_fontsize=7)
     _describe_fit(after, fit)
     figure.suptitle(title, fontsize=10)
-    figure.tight_layout()
     return figure
 
 

@@ -22,7 +22,6 @@ def crossover_figures(result: Crossover) -> dict[str, Figure]:
         f"ξ = {joint.values['xi']:.2f} ± {joint.total_error('xi'):.2f}",
         fontsize=10,
     )
-    figure.tight_layout()
     return {"crossover": figure}
 
 

@@ -1,0 +1,91 @@
+"""The FSS columns: shares of all contour length, and collapses of small maps end to end."""
+
+import json
+
+import jax
+import numpy as np
+import pytest
+
+from jaxsurf import sample
+from jaxsurf.analysis.finite_size import (
+    COLUMNS,
+    KINDS,
+    FiniteSizeSettings,
+    closed_share,
+    of_all_length,
+    reproduce_finite_size,
+)
+from jaxsurf.curve import Curve
+from jaxsurf.laws import SelfAffine
+from jaxsurf.loops.levels import level_loops
+from jaxsurf.report.collapse import finite_size_figures
+
+SMALL = FiniteSizeSettings(
+    alphas=(0.4,), sizes=(64, 96, 128), sites=2**18, fewest=12, most=40, levels=4, draws=20
+)
+
+
+@pytest.fixture(scope="module")
+def small():
+    return reproduce_finite_size(SMALL)
+
+
+def test_shares_of_all_length():
+    heights = np.asarray(sample(SelfAffine(0.8), (32, 32), key=jax.random.key(0), batch=3))
+    loops = level_loops(heights, 4, rng=0)
+    share = closed_share(loops)
+    for surface in range(3):
+        mine = loops.surface == surface
+        amount = (loops.weight * loops.length)[mine]
+        expected = amount[loops.closed[mine]].sum() / amount.sum()
+        assert share[surface] == pytest.approx(expected)
+    assert share.min() < 1  # the control: rough maps have winding loops
+    tail = Curve("length_tail", [1.0, 2.0], np.ones((3, 2)), 2 * np.ones((3, 2)))
+    whole = of_all_length(tail, share)
+    np.testing.assert_allclose(whole.samples, share[:, None] * [1, 1])
+    # weight times sample, the closed loops' own amount, is untouched
+    np.testing.assert_allclose(whole.weights * whole.samples, 2.0)
+
+
+def test_small_maps_end_to_end(small):
+    row = small.rows[0]
+    assert set(small.curves[0.4]) == set(KINDS)
+    for name in COLUMNS:
+        # maps of 64 to 128 sites: corrections of order one tenth, and no more
+        assert abs(row.value(name) - row.theory[name]) < 0.2
+        assert abs(row.pull(name)) < 10
+        assert row.nearer(name) in (True, False)
+    assert row.paper["D_f"] == (1.32, 0.03)
+    record = small.to_rows()[0]
+    assert record["tau-2 theory"] == pytest.approx(0.6 / 2.6)
+    json.dumps(small.to_dict())
+
+
+def test_pictures_of_the_collapse(small):
+    figures = finite_size_figures(small)
+    assert len(figures) == 3
+    for figure in figures.values():
+        before, after = figure.axes
+        assert len(before.get_lines()) == 3
+        assert len(after.get_lines()) == 4  # three sizes and the master curve
+
+
+def test_how_many_surfaces_a_size_gets():
+    settings = FiniteSizeSettings(sites=2**20, fewest=12, most=100)
+    assert [settings.surfaces(side) for side in (64, 256, 1024)] == [100, 16, 12]
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"sizes": (64, 128)}, "sizes must be three or more"),
+        ({"alphas": (1.4,)}, "alpha must lie in"),
+        ({"fewest": 2}, "fewest must be at least 5"),
+        ({"most": 3}, "most must be at least 12"),
+        ({"levels": 0}, "levels must be at least 1"),
+        ({"draws": 0}, "draws must be at least 20"),
+    ],
+)
+def test_misuse_says_value_rule_and_remedy(change, message):
+    with pytest.raises(ValueError, match=message):
+        FiniteSizeSettings(**change)

@@ -4,6 +4,7 @@
     python benchmarks/loops_physics.py free-field     # alpha = 0: D_f = 3/2 exactly
     python benchmarks/loops_physics.py correlation    # 2 x_l for alpha = 0 ... 1, conjectured 1
     python benchmarks/loops_physics.py single-loop    # G_s(r) ~ r^-a, predicted (1 + alpha)/2
+    python benchmarks/loops_physics.py half-integers  # dithered and half-integer levels compared
 
 `--side` and `--surfaces` change the work. Errors are standard errors by the jackknife over
 surfaces.
@@ -49,7 +50,7 @@ def jackknife(curve, estimate):
 
 
 def slope(low, high, correction=None):
-    """Exponent of mean = c x^D (1 + b x^-correction) over a window."""
+    """Exponent of mean = c x^D (1 + b x^-correction) over a window, by weighted least squares."""
 
     def estimate(curve):
         part = curve.window(low, high)
@@ -57,7 +58,11 @@ def slope(low, high, correction=None):
         columns = [np.ones_like(x), x]
         if correction is not None:
             columns.append(np.exp(-correction * x))
-        return np.linalg.lstsq(np.stack(columns, 1), y, rcond=None)[0][1]
+        # points a ratio 1.1 apart, errors growing as the square root of how few loops there are
+        weight = np.sqrt(part.count)[:, None] if part.kind == "mean_length" else 1.0
+        return np.linalg.lstsq(weight * np.stack(columns, 1), np.ravel(weight) * y, rcond=None)[0][
+            1
+        ]
 
     return estimate
 
@@ -129,20 +134,57 @@ def single_loop(side, surfaces, alphas, fields):
         print(f"alpha {alpha:.1f}  predicted {(1 + alpha) / 2:.2f}  {'  '.join(said)}", flush=True)
 
 
+def half_integers(side, surfaces):
+    import jax
+
+    print(f"single-step model at p = 1/2, L {side}, {surfaces} surfaces grown for 1000 sweeps")
+    heights = js.grow_single_step(
+        (side, side), p_plus=0.5, sweeps=1000, key=jax.random.key(0), batch=surfaces
+    )
+    for name, loops in (
+        ("dithered, means of plaquettes", js.trace_loops(heights, 400, rng=0)),
+        ("half-integer levels", js.level_loops(heights, 1, placement="half-integers", rng=0)),
+    ):
+        length, tail = loops.mean_length(), loops.length_tail()
+        dimension, tail_slope = (
+            jackknife(length, slope(5.0, 30.0)),
+            jackknife(tail, slope(11.0, 301.0)),
+        )
+        at, longer = np.searchsorted(length.scale, 10.0), np.searchsorted(tail.scale, 101.0)
+        print(
+            f"{name:30s} D_f {dimension[0]:.3f}({dimension[1]:.3f})  "
+            f"tau-2 {-tail_slope[0]:.3f}({tail_slope[1]:.3f})  "
+            f"<s>(R = 10) {length.mean[at]:.1f}({length.stderr[at]:.1f})  "
+            f"P_>({tail.scale[longer]:.0f}) {tail.mean[longer]:.3f}({tail.stderr[longer]:.3f})"
+        )
+
+
+#: what -> side and surfaces, unless told otherwise
+WORK = {
+    "cardy-ziff": (2048, 48),
+    "free-field": (4096, 12),
+    "correlation": (2048, 16),
+    "single-loop": (1024, 24),
+    "half-integers": (128, 16),
+}
+
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("what", choices=["cardy-ziff", "free-field", "correlation", "single-loop"])
+    parser.add_argument("what", choices=list(WORK))
     parser.add_argument("--side", type=int)
     parser.add_argument("--surfaces", type=int)
     parser.add_argument("--alphas", type=float, nargs="*", default=[0.0, 0.2, 0.4, 0.6, 0.8, 1.0])
     parser.add_argument("--fields", type=int, default=16)
     chosen = parser.parse_args()
-    side, surfaces = chosen.side, chosen.surfaces
+    side, surfaces = WORK[chosen.what]
+    side, surfaces = chosen.side or side, chosen.surfaces or surfaces
     if chosen.what == "cardy-ziff":
-        cardy_ziff(side or 2048, surfaces or 48)
+        cardy_ziff(side, surfaces)
     elif chosen.what == "free-field":
-        free_field(side or 4096, surfaces or 12)
+        free_field(side, surfaces)
     elif chosen.what == "correlation":
-        correlation(side or 2048, surfaces or 16, chosen.alphas, chosen.fields)
+        correlation(side, surfaces, chosen.alphas, chosen.fields)
+    elif chosen.what == "single-loop":
+        single_loop(side, surfaces, chosen.alphas, chosen.fields)
     else:
-        single_loop(side or 1024, surfaces or 24, chosen.alphas, chosen.fields)
+        half_integers(side, surfaces)

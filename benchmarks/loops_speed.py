@@ -28,9 +28,14 @@ def rough(count, side, alpha, seed=0):
     q = np.hypot(*np.meshgrid(np.fft.fftfreq(side), np.fft.rfftfreq(side), indexing="ij"))
     q[0, 0] = np.inf
     scale = q ** (-1 - alpha)
-    noise = (rng.standard_normal((side, side)) for _ in range(count))
-    maps = [np.fft.irfft2(np.fft.rfft2(each) * scale, (side, side)) for each in noise]
-    return np.stack([h / h.std() for h in maps]).astype(np.float32)
+    scale = scale.astype(np.float32)
+    maps = np.empty((count, side, side), np.float32)
+    for h in maps:
+        modes = np.fft.rfft2(rng.standard_normal((side, side), dtype=np.float32))
+        modes *= scale
+        h[:] = np.fft.irfft2(modes, (side, side))
+        h /= h.std()
+    return maps
 
 
 @numba.njit

@@ -218,6 +218,18 @@ def test_jax_arrays_are_taken():
     )
 
 
+def test_maps_may_come_one_by_one_and_of_several_kinds():
+    rng = np.random.default_rng(0)
+    smooth = rng.standard_normal((3, 16, 16))
+    whole = rng.integers(0, 5, (2, 16, 16))
+    loops = trace_loops(iter([*smooth, *whole.astype(np.int32)]), 30, rng=0)
+    assert loops.surfaces == 5
+    assert "dithered" in repr(loops)
+    alone = trace_loops(smooth, 30, rng=0)
+    np.testing.assert_array_equal(loops.length[: len(alone)], alone.length)
+    assert np.array_equal(np.unique(loops.surface), np.arange(5))
+
+
 def test_loops_join_and_select():
     h = np.random.default_rng(0).standard_normal((4, 16, 16))
     first, second = trace_loops(h[:2], 30, rng=0), trace_loops(h[2:], 30, rng=1)

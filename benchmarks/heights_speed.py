@@ -254,7 +254,7 @@ def main() -> None:
     if "growth" in only:
         growth(asked.largest, max(2, asked.rounds // 2))
     if "memory" in only:
-        memory(100)
+        memory(2 * asked.batch)
 
 
 if __name__ == "__main__":

@@ -13,6 +13,7 @@ from jaxsurf.analysis.time_scaling import scale_in_time as scale_in_time
 from jaxsurf.curve import Curve as Curve
 from jaxsurf.curve import concatenate as concatenate
 from jaxsurf.fitting.collapse import fit_collapse as fit_collapse
+from jaxsurf.fitting.collapse_forms import Ansatz as Ansatz
 from jaxsurf.fitting.crossover import fit_crossover as fit_crossover
 from jaxsurf.fitting.fit import Fit as Fit
 from jaxsurf.fitting.joint import fit_joint as fit_joint

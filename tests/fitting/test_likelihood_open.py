@@ -74,9 +74,9 @@ def test_the_plane_does_not_matter():
     first = fit_likelihood(heights, GUESS, boundary="open")
     tilted = fit_likelihood(heights + 5.0 + 3 * x - 0.7 * y, GUESS, boundary="open")
     assert tilted.values["alpha"] == pytest.approx(first.values["alpha"], abs=1e-4)
-    # the control: as a periodic map the tilt would be all there is to see
-    wrong = fit_likelihood(heights + 5.0 + 3 * x - 0.7 * y, GUESS)
-    assert abs(wrong.values["alpha"] - 0.5) > 0.3
+    # the control: on a periodic map the tilt is most of what there is to see
+    flat, wrong = fit_likelihood(np.stack([heights, heights + 3 * x - 0.7 * y]), GUESS, each=True)
+    assert abs(wrong.values["alpha"] - flat.values["alpha"]) > 3 * flat.stderr["alpha"]
 
 
 def test_hidden_heights_do_not_matter():
@@ -89,14 +89,34 @@ def test_hidden_heights_do_not_matter():
 
 
 def test_open_masked_maps_keep_their_errors():
-    fits = fit_likelihood(crops(60), GUESS, boundary="open", mask=with_holes(), each=True)
+    fits = fit_likelihood(crops(24), GUESS, boundary="open", mask=with_holes(), each=True)
     alpha = np.array([f.values["alpha"] for f in fits])
     error = np.array([f.stderr["alpha"] for f in fits])
     rmse = np.sqrt(np.mean((alpha - 0.5) ** 2))
-    # 60 maps: rms to 9 %, mean to rms/7.7; at most 1.5 times the bound of a periodic map
-    assert rmse < 1.5 * 1.383 / np.sqrt(with_holes().sum()) * 1.1
-    assert abs(alpha.mean() - 0.5) < 4 * rmse / np.sqrt(60)
-    assert np.median(error) == pytest.approx(rmse, rel=0.35)
+    # 24 maps: rms to 15 %, mean to rms/4.9
+    assert abs(alpha.mean() - 0.5) < 4 * rmse / np.sqrt(24)
+    assert np.median(error) == pytest.approx(rmse, rel=0.6)
+    # the control: independent modes on so many sites would claim the periodic map's error
+    assert np.median(error) > 1.2 * 1.383 / SIDE
+
+
+@pytest.mark.slow
+def test_open_masked_maps_come_near_the_bound_of_periodic_ones():
+    side, surfaces = 64, 100
+    law, guess = js.SelfAffine(0.5, 2.0, cutoff=7.7), js.SelfAffine(0.2, 1.0, cutoff=12.0)
+    wide = js.sample(law, (256, 256), key=jax.random.key(8), batch=surfaces, dtype="float64")
+    x, y = np.mgrid[:side, :side]
+    mask = np.hypot(x - 20, y - 20) > 11.4  # 10 % hidden
+    heights = np.asarray(wide)[:, :side, :side] + 0.3 * x - 0.2 * y
+    fits = fit_likelihood(heights, guess, boundary="open", mask=mask, each=True)
+    alpha = np.array([f.values["alpha"] for f in fits])
+    pull = np.abs(alpha - 0.5) / np.array([f.stderr["alpha"] for f in fits])
+    rmse = np.sqrt(np.mean((alpha - 0.5) ** 2))
+    assert rmse < 1.5 * 1.383 / np.sqrt(mask.sum())
+    # 100 intervals of 68 % cover 68 +- 4.7 %: three of these
+    assert 0.54 < np.mean(pull < 1) < 0.82
+    # the control: errors from independent modes on a whole map would cover less
+    assert rmse > 1.02 * 1.383 / side
 
 
 def test_masked_periodic_maps():

@@ -10,12 +10,12 @@ level. Levels may be given, or placed on each surface in one of four ways:
 - `"points"`: at the mean heights of n random plaquettes, the very ones `trace_loops` would start
   from with the same `rng`; each loop's weight is the number of those starts on it, so that
   averages are those of Appendix C, loop for loop.
-- `"half-integers"`: at every half-integer, for integer heights of growth models. Sites are then never
-  near the level and the dither decides saddles exactly at it, nothing else. A plaquette's mean, by
-  contrast, is often a height that many sites have, and there the dither decides on which side each
-  of them lies. Exponents agree, amplitudes do not: on the single-step model at p = 1/2 loops of one
-  radius are a few per cent longer at half-integer levels, and fewer points are on long loops
-  (`benchmarks/loops_physics.py half-integers`).
+- `"half-integers"`: at every half-integer, for integer heights of growth models. Sites are then
+  never near the level and the dither decides saddles exactly at it, nothing else. A plaquette's
+  mean, by contrast, is often a height that many sites have, and there the dither decides on which
+  side each of them lies. Exponents agree, amplitudes do not: on the single-step model at p = 1/2
+  loops of one radius are a few per cent longer at half-integer levels, and fewer points are on long
+  loops (`benchmarks/loops_physics.py half-integers`).
 
 NumPy and SciPy alone.
 """

@@ -65,7 +65,7 @@ def main():
         print(f"  xi({moment:g}) = {xi:.1f} +- {error:.1f}")
     mean = np.asarray(scaling.width.mean)
     slopes = np.diff(np.log(mean)) / np.log(2) / 2
-    # differences w^2(2t) - w^2(t) are free of the intrinsic width that a lattice surface starts with
+    # differences w^2(2t) - w^2(t) are free of the width a lattice surface has at the smallest scale
     growing = np.diff(np.log(np.diff(mean))) / np.log(2) / 2
     print(
         "without the intrinsic width:",

@@ -51,10 +51,17 @@ def test_small_maps_end_to_end(small):
     row = small.rows[0]
     assert set(small.curves[0.4]) == set(KINDS)
     for name in COLUMNS:
-        # maps of 64 to 128 sites: corrections of order one tenth, and no more
-        assert abs(row.value(name) - row.theory[name]) < 0.2
-        assert abs(row.pull(name)) < 10
-        assert row.nearer(name) in (True, False)
+        # maps of 64 to 128 sites: corrections of order one tenth beside the statistical error
+        statistical, systematic = row.errors(name)
+        assert abs(row.value(name) - row.theory[name]) < 0.1 + 4 * statistical
+        assert 0 < statistical < 0.3
+        assert row.pull(name) == pytest.approx(
+            (row.value(name) - row.theory[name]) / np.hypot(statistical, systematic)
+        )
+        nearer = abs(row.value(name) - row.theory[name]) < abs(
+            row.paper[name][0] - row.theory[name]
+        )
+        assert row.nearer(name) == nearer
     assert row.paper["D_f"] == (1.32, 0.03)
     record = small.to_rows()[0]
     assert record["tau-2 theory"] == pytest.approx(0.6 / 2.6)

@@ -144,7 +144,7 @@ def test_no_lattice_known_means_a_knee_of_its_own():
         (lambda: mean_length(), {"shared": ("tau",)}, "each of shared must be one of"),
         (lambda: mean_length(), {"sharpness": 0.0}, "sharpness must lie in"),
         (lambda: mean_length(), {"knees": {"mean_length": -1}}, "the knee ratio of mean_length"),
-        (lambda: mean_length(), {"start": {"xi": 0}}, "start xi must lie in"),
+        (lambda: mean_length(), {"start": {"xi": 0}}, "start of xi must lie in"),
         (lambda: mean_length(), {"draws": 1}, "draws must be at least 20"),
     ],
 )

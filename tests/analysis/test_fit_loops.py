@@ -12,7 +12,7 @@ def maps(alpha, surfaces, side=64, seed=99):
     return np.asarray(js.sample(law, (side, side), key=jax.random.key(seed), batch=surfaces))
 
 
-@pytest.mark.parametrize("alpha", [0.2, 0.8])
+@pytest.mark.parametrize("alpha", [0.0, 0.2])  # at 0.6 the line is right by chance
 def test_no_bias_where_the_straight_line_has_one(alpha):
     fit = fit_loops(maps(alpha, 24))
     assert fit.converged

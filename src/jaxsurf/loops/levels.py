@@ -89,6 +89,12 @@ def level_loops(
         TypeError: complex heights, an `rng` that is neither a Generator nor an integer.
 
     Source: the paper's Secs. II and III; the connectivity is that of its Appendix C.
+
+    >>> heights = np.zeros((8, 9))
+    >>> heights[2:4, 3:6] = 1.0  # an island of 2 x 3 sites
+    >>> island = level_loops(heights, [0.5])
+    >>> island.length, island.radius, island.area
+    (array([10]), array([3]), array([6]))
     """
     check_choice("boundary", boundary, BOUNDARIES)
     check_choice("placement", placement, PLACEMENTS)

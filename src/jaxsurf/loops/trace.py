@@ -73,6 +73,11 @@ def trace_loops(
         TypeError: complex heights, an `rng` that is neither a Generator nor an integer.
 
     Source: the paper's Appendix C, with the start at a saddle decided by a coin.
+
+    >>> heights = np.random.default_rng(0).standard_normal((3, 64, 64))
+    >>> loops = trace_loops(heights, points=100, rng=0)
+    >>> len(loops), int(loops.length.min())
+    (300, 4)
     """
     points = check_count("points", points)
     spacing = check_spacing(spacing)

@@ -19,8 +19,6 @@ NumPy and SciPy alone.
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import csr_array
-from scipy.sparse.csgraph import depth_first_order
 
 from jaxsurf.loops.walk import STEP_X, STEP_Y, mean_height
 
@@ -187,6 +185,9 @@ def _cycles(successor: np.ndarray, firsts: np.ndarray) -> tuple[np.ndarray, np.n
     )
     ends[-1] = len(edges)
     size = nodes + links
+    from scipy.sparse import csr_array  # kept out of `import jaxsurf`
+    from scipy.sparse.csgraph import depth_first_order
+
     graph = csr_array((np.ones(len(edges)), edges, ends), shape=(size, size))
     order = depth_first_order(graph, nodes, return_predecessors=False)
     is_link = order >= nodes

@@ -44,7 +44,7 @@ def all_pairs_correlation(
     there. Of loops in a narrow range of lengths it is the paper's $G_s(r) \sim r^{-a}$ of a single
     loop.
 
-    Predicted is a = 2 - D_f = (1 + alpha)/2: 0.5, 0.7 and 0.9 at alpha = 0, 0.4 and 0.8. Measured at
+    Predicted is a = 2 - D_f = (1 + alpha)/2: 0.5, 0.7 and 0.9 at alpha 0, 0.4 and 0.8. Measured at
     L = 512 over 4 < r < 16 (`benchmarks/loops_physics.py single-loop --side 512 --surfaces 12`) it
     is 0.52(1), 0.65(1) and 0.75(4): not 2 x_l, growing with alpha, but at this size below the
     prediction for alpha > 0 by more than its error.

@@ -54,7 +54,7 @@ def test_small_maps_end_to_end(small):
         # maps of 64 to 128 sites: corrections of order one tenth beside the statistical error
         statistical, systematic = row.errors(name)
         assert abs(row.value(name) - row.theory[name]) < 0.1 + 4 * statistical
-        # sizes within a factor of two may determine nothing: the error must then be finite and say so
+        # sizes within a factor of two may determine nothing; the error is then large
         assert 0 < statistical < np.inf
         assert row.pull(name) == pytest.approx(
             (row.value(name) - row.theory[name]) / np.hypot(statistical, systematic)

@@ -159,7 +159,7 @@ def reproduce_table2(
 
     Arguments:
         settings: what to simulate; `Table2Settings.quick()` for a first look; if None, the paper's
-            longest run for every p_plus.
+            longest run, in sweeps, for every p_plus.
         progress: called with the share of the work done, 0 to 1, and what comes next.
 
     Returns:

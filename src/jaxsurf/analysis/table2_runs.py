@@ -27,7 +27,10 @@ PIECES = 10  # that each part of a run is cut into, for the progress bar
 
 @dataclass(frozen=True)
 class Table2Settings:
-    """What is simulated; the defaults are the paper's longest run, eight times for each p_plus.
+    """What is simulated; the defaults are as many sweeps as the paper's longest run has steps.
+
+    Eight runs for each p_plus. A sweep of the local rule is shorter than a step of the paper's own,
+    whose events are never refused: about a fifth of it.
 
     Attributes:
         p_plus: chances of deposition.

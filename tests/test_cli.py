@@ -67,10 +67,10 @@ def test_table2_prints_the_table_and_writes_its_files(tmp_path, capsys):
 
 def test_table1_with_finite_size_scaling(tmp_path, capsys):
     output = tmp_path / "out"
-    words = [*QUICK, "--fss-sizes", 32, 48, 64, "--fss-sites", 20_000, "--output", output]
+    words = [*QUICK, "--fss-sizes", 64, 96, 128, "--fss-sites", 200_000, "--output", output]
     assert run(*words) == 0
     printed = capsys.readouterr().out
-    assert "Table I, FSS: L = 32 to 64" in printed
+    assert "Table I, FSS: L = 64 to 128" in printed
     assert "nearer to theory" in printed
     assert {"fss.csv", "fss.json", "fss_curves.npz"} <= {path.name for path in output.iterdir()}
 

@@ -7,8 +7,8 @@ $$S(q) = |\tilde h(q)|^2 / A, \qquad \tilde h(q) = a^2 \sum_x h(x) e^{-iq\cdot x
 
 so that $D_2(r) = (2/A) \sum_q S(q) (1 - \cos q\cdot r)$ and the variance is $(1/A) \sum_{q \ne 0}
 S(q)$. Wave numbers fill the first zone $[-\pi/a, \pi/a]^2$. Arrays of wave numbers are in the order
-of `rfft2`: the second axis holds $q_y \ge 0$ only, and a mode there stands for itself and its mirror
-image (`mode_multiplicity`).
+of `rfft2`: the second axis holds $q_y \ge 0$ only, and a mode there stands for itself and its
+mirror image (`mode_multiplicity`).
 
 Everything here depends on the shape alone and is plain NumPy in float64: under `jit` it is a
 constant.

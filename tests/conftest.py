@@ -10,7 +10,7 @@ jax.config.update("jax_numpy_dtype_promotion", "strict")
 
 @pytest.fixture
 def as_a_user():
-    """Switch the annotations' run-time checks off, so that misuse meets the library's own message."""
+    """Switch the annotations' run-time checks off: misuse then meets the library's own message."""
     before = jaxtyping.config.jaxtyping_disable
     jaxtyping.config.update("jaxtyping_disable", True)
     yield

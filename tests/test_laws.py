@@ -220,3 +220,11 @@ def test_wrong_types():
         js.SelfAffine("0.4")
     with pytest.raises(TypeError, match="side of the grid must be an integer"):
         laws.expected_variance(js.WhiteNoise(), (8.5, 8))
+
+
+def test_a_law_without_a_spectrum_cannot_be_made():
+    class Nothing(laws.Law):
+        pass
+
+    with pytest.raises(TypeError, match="abstract"):
+        Nothing()

@@ -11,6 +11,7 @@ Kernels are formed as $2\sin^2$ rather than $1 - \cos$, so that float32 is enoug
 Source: the paper's Sec. V A, Eqs. (hqvar-2), (hq_var_cut), (struc2), (curv2), (roughness-var).
 """
 
+from abc import abstractmethod
 from typing import Any
 
 import equinox as eqx
@@ -29,9 +30,9 @@ DIRECTIONS = {"10": ((1, 0), (0, 1), (-1, 0), (0, -1)), "11": ((1, 1), (1, -1), 
 class Law(eqx.Module):
     """A spectral density S(|q|): a pytree whose fields can be differentiated and vmapped."""
 
+    @abstractmethod
     def __call__(self, q: Any) -> Any:
         """S(q) at wave numbers q > 0, in height^2 length^2."""
-        raise NotImplementedError(f"{type(self).__name__} must define S(q) by __call__.")
 
 
 class SelfAffine(Law):

@@ -1,23 +1,16 @@
-"""The FSS columns: shares of all contour length, and collapses of small maps end to end."""
+"""The FSS columns: collapses of small maps end to end."""
 
 import json
 
-import jax
 import numpy as np
 import pytest
 
-from jaxsurf import sample
 from jaxsurf.analysis.finite_size import (
     COLUMNS,
     KINDS,
     FiniteSizeSettings,
-    closed_share,
-    of_all_length,
     reproduce_finite_size,
 )
-from jaxsurf.curve import Curve
-from jaxsurf.laws import SelfAffine
-from jaxsurf.loops.levels import level_loops
 from jaxsurf.report.collapse import finite_size_figures
 
 SMALL = FiniteSizeSettings(
@@ -28,23 +21,6 @@ SMALL = FiniteSizeSettings(
 @pytest.fixture(scope="module")
 def small():
     return reproduce_finite_size(SMALL)
-
-
-def test_shares_of_all_length():
-    heights = np.asarray(sample(SelfAffine(0.8), (32, 32), key=jax.random.key(0), batch=3))
-    loops = level_loops(heights, 4, rng=0)
-    share = closed_share(loops)
-    for surface in range(3):
-        mine = loops.surface == surface
-        amount = (loops.weight * loops.length)[mine]
-        expected = amount[loops.closed[mine]].sum() / amount.sum()
-        assert share[surface] == pytest.approx(expected)
-    assert share.min() < 1  # the control: rough maps have winding loops
-    tail = Curve("length_tail", [1.0, 2.0], np.ones((3, 2)), 2 * np.ones((3, 2)))
-    whole = of_all_length(tail, share)
-    np.testing.assert_allclose(whole.samples, share[:, None] * [1, 1])
-    # weight times sample, the closed loops' own amount, is untouched
-    np.testing.assert_allclose(whole.weights * whole.samples, 2.0)
 
 
 def test_small_maps_end_to_end(small):

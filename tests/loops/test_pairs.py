@@ -8,7 +8,7 @@ from jaxsurf.loops.pairs import all_pairs_correlation
 from jaxsurf.loops.statistics import shell_bins
 
 
-def brute_force(loops, sides, is_open):
+def brute_force(loops, sides, is_open, share="closed"):
     """G(r) by counting every pair of points of every closed loop, one surface."""
     bins, scale, _ = shell_bins(min(sides) // 2, 1.1)
     pairs, fits = np.zeros((2, len(scale)))
@@ -22,10 +22,12 @@ def brute_force(loops, sides, is_open):
         shell = shell[(shell >= 1) & (shell < min(sides) // 2)]
         np.add.at(into, bins[shell - 1], weight)
 
-    for k in np.flatnonzero(loops.closed):
-        points = np.floor(loops.path(k)[:-1]).astype(int) % np.array(loops.shape)
+    for k in np.flatnonzero(loops.closed | (share == "all")):
+        path = loops.path(k) if loops.is_open[k] else loops.path(k)[:-1]
+        points = np.floor(path).astype(int) % np.array(loops.shape)
         weight = loops.weight[k]
-        count(pairs, points, points, weight)
+        if loops.closed[k]:
+            count(pairs, points, points, weight)
         count(fits, points, every, weight)
     return pairs / fits
 
@@ -35,16 +37,17 @@ def smooth_map(seed, shape):
     return sum(np.roll(h, (i, j), (0, 1)) for i in range(3) for j in range(3))
 
 
+@pytest.mark.parametrize("share", ["closed", "all"])
 @pytest.mark.parametrize("boundary", ["periodic", "open"])
-def test_a_field_for_each_loop_gives_every_pair_exactly(boundary):
+def test_a_field_for_each_loop_gives_every_pair_exactly(boundary, share):
     h = smooth_map(3, (32, 27))
     loops = level_loops(h, 3, boundary=boundary, paths=True)
     is_open = boundary == "open"
-    expected = brute_force(loops, tuple(s - is_open for s in h.shape), is_open)
-    curve = all_pairs_correlation(loops, fields=len(loops))
+    expected = brute_force(loops, tuple(s - is_open for s in h.shape), is_open, share)
+    curve = all_pairs_correlation(loops, fields=len(loops), share=share)
     # the fields are in single precision: relative rounding of 1e-7, a few thousand terms
     np.testing.assert_allclose(curve.samples[0], expected, rtol=1e-3, atol=1e-6)
-    assert np.count_nonzero(loops.closed) > 10
+    assert 10 < np.count_nonzero(loops.closed) < len(loops), "some loops make the shares differ"
 
 
 @pytest.mark.parametrize("fields", [1, 4])

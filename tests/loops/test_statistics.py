@@ -62,6 +62,28 @@ def test_length_tail_by_hand():
     np.testing.assert_allclose(curve.weights[:, 0], [3, 1])
 
 
+def test_shares_of_all_contour_length():
+    sizes = {"winding": WINDING, "sampling": "levels"}
+    loops = made(LENGTH, RADIUS, SURFACE, **sizes)
+    closed, of_all = loops.length_tail(), loops.length_tail(share="all")
+    # surface 0 has closed loops only; surface 1 four steps of them out of 104
+    np.testing.assert_allclose(of_all.samples[0], closed.samples[0])
+    loops = made([4, 8, 12, 4, 100], RADIUS, [0, 0, 0, 0, 0], surfaces=1, **sizes)
+    np.testing.assert_allclose(
+        loops.length_tail(share="all").samples[0, :5], np.array([20, 20, 12, 12, 0]) / 128
+    )
+    assert loops.length_tail(share="all").weights[0, 0] == 128
+    pairs = np.zeros((1, 64), int)
+    pairs[0, 1] = 16
+    points = made(LENGTH, RADIUS, [0] * 5, surfaces=1, winding=WINDING, pairs=pairs)
+    assert points.correlation().samples[0, 0] == pytest.approx(16 / 8 / 4)
+    assert points.correlation(share="all").samples[0, 0] == pytest.approx(16 / 8 / 5)
+    with pytest.raises(ValueError, match="share must be one of .* got 'winding'"):
+        points.length_tail(share="winding")
+    with pytest.raises(ValueError, match="of all contour length.* got per='loop'"):
+        points.length_tail(share="all", per="loop")
+
+
 def test_power_law_tail_is_unbiased_at_small_s():
     # P(s) of even s with an exactly known tail: P_>(s) = (s / 3)^(-1/3) at odd s
     rng = np.random.default_rng(0)

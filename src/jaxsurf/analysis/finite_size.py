@@ -26,7 +26,6 @@ from jaxsurf.curve import Curve, concatenate
 from jaxsurf.fitting.collapse import fit_collapse
 from jaxsurf.fitting.fit import Fit
 from jaxsurf.loops.levels import level_loops
-from jaxsurf.loops.loops import Loops
 from jaxsurf.loops.pairs import all_pairs_correlation
 from jaxsurf.surfaces.gaussian import sample
 
@@ -234,34 +233,10 @@ def measure_size(alpha: float, side: int, settings: FiniteSizeSettings) -> dict[
         heights = np.asarray(sample(law_of(alpha), (side, side), key=inner, batch=batch))
         rng = np.random.default_rng([settings.seed, round((alpha + 1) * 1e6), side, first])
         loops = level_loops(heights, settings.levels, rng=rng, paths=True)
-        share = closed_share(loops)
         parts["mean_length"].append(loops.mean_length())
-        parts["length_tail"].append(of_all_length(loops.length_tail(), share))
-        correlation = all_pairs_correlation(loops, rng=rng)
-        parts["loop_correlation"].append(of_all_length(correlation, share))
+        parts["length_tail"].append(loops.length_tail(share="all"))
+        parts["loop_correlation"].append(all_pairs_correlation(loops, rng=rng, share="all"))
     return {kind: concatenate(several) for kind, several in parts.items()}
-
-
-def closed_share(loops: Loops) -> np.ndarray:
-    """The share of each surface's contour length that lies on closed loops."""
-    amount = loops.weight * loops.length
-    total = np.bincount(loops.surface, amount, loops.surfaces)
-    closed = np.bincount(loops.surface, amount * loops.closed, loops.surfaces)
-    return closed / np.where(total > 0, total, 1.0)
-
-
-def of_all_length(curve: Curve, share: np.ndarray) -> Curve:
-    """A share of the closed loops turned into a share of all contour length."""
-    samples, weights = np.asarray(curve.samples), np.asarray(curve.weights)
-    part = np.where(share > 0, share, 1.0)[:, None]
-    return Curve(
-        curve.kind,
-        curve.scale,
-        samples * share[:, None],
-        weights / part,
-        units=curve.units,
-        details=curve.details,
-    )
 
 
 def collapse_row(

@@ -24,7 +24,13 @@ import numpy as np
 from jaxsurf.curve import Curve
 from jaxsurf.loops.loops import Loops
 from jaxsurf.loops.maps import check_count, seed_of
-from jaxsurf.loops.statistics import BIN_RATIO, curve_details, loop_weights, shell_bins
+from jaxsurf.loops.statistics import (
+    BIN_RATIO,
+    curve_details,
+    loop_weights,
+    share_total,
+    shell_bins,
+)
 
 
 def all_pairs_correlation(
@@ -34,6 +40,7 @@ def all_pairs_correlation(
     rng: np.random.Generator | int = 0,
     lengths: tuple[float | int, float | int] | None = None,
     per: str | None = None,
+    share: str = "closed",
     ratio: float = BIN_RATIO,
 ) -> Curve:
     r"""Chance that a site at distance r of a point of a loop is on that loop, over all pairs.
@@ -56,10 +63,12 @@ def all_pairs_correlation(
         rng: a Generator, or the seed of one.
         lengths: keep loops with lengths in this range, in units of length.
         per: what an average counts once, as for `mean_length`.
+        share: "closed", of the points on the closed loops that are kept, or "all", of the points on
+            any; with `lengths` it is then what those loops contribute to G(r).
         ratio: outer over inner edge of a bin.
 
     Returns:
-        A `Curve` over r < L/2, each surface weighted by the weight of its loops. Its errors, from
+        A `Curve` over r < L/2, each surface weighted by what G is a share of. Its errors, from
         the scatter between surfaces, hold the noise of the signs too.
 
     Raises:
@@ -84,45 +93,62 @@ def all_pairs_correlation(
     if lengths is not None:
         low, high = lengths
         kept &= (loops.length * loops.spacing >= low) & (loops.length * loops.spacing <= high)
-    chosen = loops.select(kept)
-    weight, per = loop_weights(chosen, per)
-    label = np.repeat(np.arange(len(chosen)), chosen.length)
-    x, y = (chosen.vertices % np.array(loops.shape)).T if len(chosen) else np.zeros((2, 0), int)
+    weight, per = loop_weights(loops, per)
+    total = share_total(loops, share, per, weight)
+    starting = kept if total is None else np.ones_like(kept)
+    if total is None:
+        total = np.bincount(loops.surface, weight * kept, loops.surfaces).astype(float)
     grid = (2 * sides[0], 2 * sides[1]) if is_open else sides
-    cell = x * grid[1] + y
-    amplitude = np.sqrt(weight / chosen.length)
-    begin = np.searchsorted(chosen.surface[label], np.arange(loops.surfaces + 1))
     bins, scale, sites = shell_bins(min(sides) // 2, ratio)
-    samples, totals = np.zeros((2, loops.surfaces, len(scale)))
+    samples = np.zeros((loops.surfaces, len(scale)))
+    order = np.argsort(loops.surface, kind="stable")
+    bounds = np.searchsorted(loops.surface[order], np.arange(loops.surfaces + 1))
+    first = np.cumsum(loops.length) - loops.length
     seeds = np.random.SeedSequence(seed_of(rng)).spawn(loops.surfaces)
     for surface in range(loops.surfaces):  # one transform at a time: the memory is that of one map
-        part = slice(begin[surface], begin[surface + 1])
-        if part.start == part.stop:
+        every = order[bounds[surface] : bounds[surface + 1]]
+        here = every[kept[every]]
+        if not len(here):
             continue
-        field, sign = _dealt(np.random.default_rng(seeds[surface]), chosen, surface, fields)
-        value = amplitude[label[part]] * sign[label[part] - label[part.start]]
-        pairs = _autocorrelation(cell[part], value, field[label[part] - label[part.start]], grid)
+        label, cell, each = _points_of(loops, here, first, weight, grid)
+        field, sign = _dealt(np.random.default_rng(seeds[surface]), loops.length[here], fields)
+        pairs = _autocorrelation(cell, np.sqrt(each) * sign[label], field[label], grid)
         if is_open:
-            fits = _fitting(cell[part], (amplitude**2)[label[part]], sides, grid)
+            _, cell, each = _points_of(loops, every[starting[every]], first, weight, grid)
+            fits = _in_shells(_fitting(cell, each, sides, grid), bins)
         else:
-            fits = np.full(grid, weight[chosen.surface == surface].sum())
-        samples[surface] = _in_shells(pairs, bins) / _in_shells(fits, bins)
-        totals[surface] = weight[chosen.surface == surface].sum()
+            fits = total[surface] * sites
+        samples[surface] = _in_shells(pairs, bins) / fits
     return Curve(
         "loop_correlation",
         scale * loops.spacing,
         samples,
-        totals,
+        np.broadcast_to(total[:, None], samples.shape).copy(),
         units=("sites" if loops.spacing == 1.0 else "length", "1"),
         details=curve_details(loops, per),
     )
 
 
+def _points_of(
+    loops: Loops,
+    chosen: np.ndarray,
+    first: np.ndarray,
+    weight: np.ndarray,
+    grid: tuple[int, ...],
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Of all points of the chosen loops: which of these loops, which cell, the weight of each."""
+    length = loops.length[chosen]
+    label = np.repeat(np.arange(len(chosen)), length)
+    point = np.arange(len(label)) + (first[chosen] - np.cumsum(length) + length)[label]
+    vertices = np.zeros((0, 2), int) if loops.vertices is None else loops.vertices
+    x, y = (vertices[point] % np.array(loops.shape)).T
+    return label, x * grid[1] + y, (weight[chosen] / length)[label]
+
+
 def _dealt(
-    rng: np.random.Generator, loops: Loops, surface: int, fields: int
+    rng: np.random.Generator, length: np.ndarray, fields: int
 ) -> tuple[np.ndarray, np.ndarray]:
     """The field each loop of a surface is put in, longest first in turn, and its random sign."""
-    length = loops.length[loops.surface == surface]
     field = np.empty(len(length), int)
     field[np.argsort(-length, kind="stable")] = np.arange(len(length)) % fields
     return field, 2.0 * rng.integers(0, 2, len(length)) - 1

@@ -13,6 +13,11 @@ Loops that wind or are open are left out. An average counts each loop in one of 
 `per="point"`, through a random point (length over gradient); `per="length"`, in proportion to
 length; `per="loop"`, each loop once.
 
+What P_> and G are shares of is a choice too: `share="closed"`, of the closed loops' length, as in
+the paper; or `share="all"`, of all contour length, loops that wind or are open included. On a map
+of side L a share of about $L^{-(1-\alpha)/2}$ is left out, so that the first are too large by a
+factor which hardly falls with L, and for comparing sizes the second are wanted.
+
 Source: the paper's Eqs. (Ds-R), (PS), (loopcorr) and Appendix C.
 """
 
@@ -23,8 +28,10 @@ import numpy as np
 
 from jaxsurf.curve import Curve
 from jaxsurf.loops.loops import Loops
+from jaxsurf.loops.maps import check_choice
 
 BIN_RATIO = 1.1
+SHARES = ("closed", "all")
 
 
 def mean_length(
@@ -78,6 +85,7 @@ def length_tail(
     loops: Loops,
     *,
     per: str | None = None,
+    share: str = "closed",
     edge_correction: bool = False,
     ratio: float = BIN_RATIO,
 ) -> Curve:
@@ -92,15 +100,18 @@ def length_tail(
     Arguments:
         loops: the loops of one or more surfaces.
         per: as for `mean_length`; with "loop" the tail is that of the loops, s^-(tau - 1).
+        share: "closed", of the points on closed loops, or "all", of the points on any.
         edge_correction: as for `mean_length`.
         ratio: of successive values of s.
 
     Returns:
-        A `Curve` over s, each surface weighted by its loops; zero beyond the longest loop.
+        A `Curve` over s, each surface weighted by what its tail is a share of; zero beyond the
+        longest closed loop.
 
     Source: the paper's Eqs. (PS) and (taudef).
     """
     weight, per = loop_weights(loops, per)
+    everything = share_total(loops, share, per, weight)
     weight = _refitted(loops, weight) if edge_correction else weight
     closed = loops.closed
     longest = loops.shape[0] * loops.shape[1]
@@ -110,8 +121,9 @@ def length_tail(
     cell += loops.surface[closed] * (len(scale) + 1)
     size = loops.surfaces * (len(scale) + 1)
     count = _summed(cell, weight[closed], size).reshape(loops.surfaces, -1)
-    total = count.sum(1, keepdims=True)
-    longer = total - np.cumsum(count, 1)[:, :-1]
+    among_closed = count.sum(1, keepdims=True)
+    longer = among_closed - np.cumsum(count, 1)[:, :-1]
+    total = among_closed if everything is None else everything[:, None]
     samples = np.maximum(longer, 0.0) / np.where(total > 0, total, 1.0)
     return Curve(
         "length_tail",
@@ -123,7 +135,7 @@ def length_tail(
     )
 
 
-def correlation(loops: Loops, *, ratio: float = BIN_RATIO) -> Curve:
+def correlation(loops: Loops, *, share: str = "closed", ratio: float = BIN_RATIO) -> Curve:
     r"""Chance that a site at distance r of a point is on the loop through that point.
 
     $$G(r) = \frac{g(r)}{n(r)} \sim r^{-2x_l}$$
@@ -134,6 +146,7 @@ def correlation(loops: Loops, *, ratio: float = BIN_RATIO) -> Curve:
 
     Arguments:
         loops: from `trace_loops(..., correlation=True)`.
+        share: per start on a closed loop, "closed", or per start on any, "all".
         ratio: outer over inner edge of a bin.
 
     Returns:
@@ -152,9 +165,10 @@ def correlation(loops: Loops, *, ratio: float = BIN_RATIO) -> Curve:
     bins, scale, sites = shell_bins(loops.pairs.shape[1], ratio)
     counted = np.zeros((loops.surfaces, len(scale)))
     np.add.at(counted.T, bins, loops.pairs[:, 1:].T)
-    starts = np.bincount(loops.surface[loops.closed], minlength=loops.surfaces).astype(float)[
-        :, None
-    ]
+    everything = share_total(loops, share, "point", np.ones(len(loops)))
+    if everything is None:
+        everything = np.bincount(loops.surface[loops.closed], minlength=loops.surfaces)
+    starts = everything.astype(float)[:, None]
     samples = counted / sites / np.where(starts > 0, starts, 1.0)
     return Curve(
         "loop_correlation",
@@ -185,6 +199,19 @@ def loop_weights(loops: Loops, per: str | None) -> tuple[np.ndarray, str]:
             "Use trace_loops, or level_loops with another placement of the levels."
         )
     return weights[loops.sampling, per], per
+
+
+def share_total(loops: Loops, share: str, per: str, weight: np.ndarray) -> np.ndarray | None:
+    """The weight of all loops of each surface if shares are of that; None for the closed ones."""
+    check_choice("share", share, SHARES)
+    if share == "closed":
+        return None
+    if per == "loop":
+        raise ValueError(
+            "share='all' is of all contour length, by per='point' or 'length'; got per='loop'. "
+            "A loop cut by an edge is none or several: count loops among the closed ones."
+        )
+    return _summed(loops.surface, weight, loops.surfaces)
 
 
 def _summed(cell: np.ndarray, weight: np.ndarray, size: int) -> np.ndarray:

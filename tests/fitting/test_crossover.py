@@ -88,6 +88,34 @@ def test_each_measure_may_have_its_own_xi_and_knees_bring_them_together():
     assert fit_crossover(curves, draws=20).chi2 > together.chi2 + 20  # the control
 
 
+def test_small_loops_have_a_correction_of_their_own():
+    exact = mean_length(seed=7, knee=3 * XI)
+    v = np.asarray(exact.scale)
+    small = Curve(exact.kind, v, exact.samples * np.exp(0.3 * (v / 5.0) ** -1.0), details=SIDE)
+    options = {"knees": {"mean_length": 3.0}, "draws": 20}
+    curves = [small, spectrum()]
+    fit = fit_crossover(curves, correction=1.0, **options)
+    close(fit, alpha=ALPHA, xi=XI, correction__mean_length=0.3)
+    assert fit_crossover(curves, **options).chi2 > fit.chi2 + 20  # the control
+
+
+def test_a_window_without_the_knee_says_nothing_about_it():
+    # R is fitted over 5 to 102; the knee at 80 is beyond the lower 4/5 of that, which ends at 56
+    curves = [mean_length(knee=80.0, seed=11), spectrum()]
+    fit = fit_crossover(curves, shared=("alpha",), draws=20)
+    assert fit.converged
+    assert "xi[mean_length]" not in fit.details["variants"]["without the largest scales"]
+    assert "xi[spectrum]" in fit.details["variants"]["without the largest scales"]
+    assert any("without the largest scales the knee of mean_length" in note for note in fit.notes)
+    assert fit.systematic["xi[mean_length]"] < 80.0  # was several times xi when it was averaged in
+
+
+def test_a_knee_outside_its_window_is_no_result():
+    fit = fit_crossover([mean_length(knee=1e4), spectrum()], shared=("alpha",), draws=20)
+    assert not fit.converged
+    assert "the knee of mean_length is outside the window" in fit.status
+
+
 def test_exponents_beyond_the_knee_can_be_free():
     curve = mean_length(beyond=1.6, knee=8.0)
     fit = fit_crossover(curve, beyond="free", draws=20, windows={"mean_length": (1, 200)})
@@ -143,6 +171,7 @@ def test_no_lattice_known_means_a_knee_of_its_own():
         (lambda: mean_length(), {"beyond": "flat"}, "beyond must be one of"),
         (lambda: mean_length(), {"shared": ("tau",)}, "each of shared must be one of"),
         (lambda: mean_length(), {"sharpness": 0.0}, "sharpness must lie in"),
+        (lambda: mean_length(), {"correction": 0}, "correction must lie in"),
         (lambda: mean_length(), {"knees": {"mean_length": -1}}, "the knee ratio of mean_length"),
         (lambda: mean_length(), {"start": {"xi": 0}}, "start of xi must lie in"),
         (lambda: mean_length(), {"draws": 1}, "draws must be at least 20"),

@@ -71,13 +71,16 @@ class CrossoverModel:
         """Logarithm of the model at each point."""
         found = jnp.zeros_like(data["log_y"])
         for index, kind in enumerate(self.kinds):
-            below, beyond, log_knee, blunt, amplitude = self._measure(kind, vector, data)
+            below, beyond, log_knee, blunt, amplitude = self.bend(kind, vector, data)
             if kind in self.on_lattice:  # below and beyond are those of S, summed over modes
                 modes = _bent(data["log_mode"], below, beyond, log_knee, blunt)
                 top = jnp.max(modes)
                 mine = amplitude + top + jnp.log(data["kernel"] @ jnp.exp(modes - top))
             else:
                 mine = amplitude + _bent(data["log_v"], below, beyond, log_knee, blunt)
+            if (correction := self.value("correction", kind, vector)) is not None:
+                dimension = self._dimension(vector) if kind == "length_tail" else 1.0
+                mine += correction * jnp.exp(data["log_above"] * -data["omega"] / dimension)
             found = jnp.where(data["measure"] == index, mine, found)
         return found
 
@@ -88,17 +91,22 @@ class CrossoverModel:
                 return vector[self.names.index(candidate)]
         return default
 
-    def _measure(self, kind: str, vector: Any, data: Mapping[str, Any]) -> tuple[Any, ...]:
+    def bend(self, kind: str, vector: Any, data: Mapping[str, Any]) -> tuple[Any, ...]:
+        """Exponents below and beyond, log knee, 1/n and log amplitude of one measure."""
         alpha = self.value("alpha", kind, vector, 0.0)
         log_knee = self.value("log_xi", kind, vector)
         below = BELOW["spectrum" if kind in self.on_lattice else kind](alpha)
         if kind == "length_tail":
-            log_knee = log_knee * theory.fractal_dimension(alpha)
+            log_knee = log_knee * self._dimension(vector)
             log_knee += self.value("log_amplitude", "mean_length", vector, 0.0)
         log_knee += data["log_ratio"][self.kinds.index(kind)]
         blunt = jnp.exp(-self.value("log_sharpness", kind, vector, data["log_sharpness"]))
         beyond = self.value("beyond", kind, vector, BEYOND.get(kind, 0.0))
         return below, beyond, log_knee, blunt, self.value("log_amplitude", kind, vector)
+
+    def _dimension(self, vector: Any) -> Any:
+        """D_f, which turns radii into lengths of loops."""
+        return theory.fractal_dimension(self.value("alpha", "length_tail", vector, 0.0))
 
 
 def _bent(log_v: Any, below: Any, beyond: Any, log_knee: Any, blunt: Any) -> Any:
@@ -154,6 +162,14 @@ def solve(model: CrossoverModel, start: np.ndarray, data: Mapping[str, Any]) -> 
 def log_y(model: CrossoverModel, vector: np.ndarray, data: Mapping[str, Any]) -> np.ndarray:
     """`CrossoverModel.log_y` compiled, with NumPy results."""
     return np.asarray(_log_y(model, vector, dict(data)))
+
+
+@float64()
+def log_knee(
+    model: CrossoverModel, kind: str, vector: np.ndarray, data: Mapping[str, Any]
+) -> float:
+    """Logarithm of the scale v at the knee of one measure."""
+    return float(model.bend(kind, vector, data)[2])
 
 
 @float64()

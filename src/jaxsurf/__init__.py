@@ -10,6 +10,8 @@ from jaxsurf.analysis.multiaffinity import GeneralisedExponents as GeneralisedEx
 from jaxsurf.analysis.multiaffinity import generalised_exponents as generalised_exponents
 from jaxsurf.analysis.time_scaling import loops_in_time as loops_in_time
 from jaxsurf.analysis.time_scaling import scale_in_time as scale_in_time
+from jaxsurf.analysis.time_scaling import width_increments as width_increments
+from jaxsurf.analysis.time_scaling import width_in_time as width_in_time
 from jaxsurf.curve import Curve as Curve
 from jaxsurf.curve import concatenate as concatenate
 from jaxsurf.fitting.collapse import fit_collapse as fit_collapse
@@ -41,6 +43,8 @@ from jaxsurf.measures.differences import height_correlation_map as height_correl
 from jaxsurf.measures.fourier import directional_spectrum as directional_spectrum
 from jaxsurf.measures.fourier import power_spectrum as power_spectrum
 from jaxsurf.measures.fourier import power_spectrum_map as power_spectrum_map
+from jaxsurf.measures.heights import height_kurtosis as height_kurtosis
+from jaxsurf.measures.heights import height_skewness as height_skewness
 from jaxsurf.measures.lines import line_spectrum as line_spectrum
 from jaxsurf.measures.lines import line_variance as line_variance
 from jaxsurf.measures.patches import patch_moment as patch_moment

@@ -24,6 +24,8 @@ MEASURES = {
     "patch skewness": lambda h: js.patch_skewness(h, [2, 3]),
     "smoothed": lambda h: js.smoothed_moment(h, SCALES, order=3, window="gaussian"),
     "smoothed skewness": lambda h: js.smoothed_skewness(h, SCALES),
+    "height skewness": lambda h: js.height_skewness(h, mask=MASK),
+    "height kurtosis": js.height_kurtosis,
     "line spectrum": js.line_spectrum,
     "line variance": lambda h: js.line_variance(h, [2, 3]),
 }

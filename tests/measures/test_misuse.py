@@ -61,6 +61,8 @@ ALL = [
     js.patch_skewness,
     js.smoothed_moment,
     js.smoothed_skewness,
+    js.height_skewness,
+    js.height_kurtosis,
 ]
 
 

@@ -136,11 +136,11 @@ def test_global_settings_do_not_matter():
 
 def test_one_shape_compiles_once():
     fit_likelihood(maps(0.4, 32, 1)[0], GUESS)
-    before = _whittle._minimise._cached._cache_size()
+    before = _whittle.minimise._cached._cache_size()
     for seed in (1, 2):
         guess = js.SelfAffine(alpha=0.1 * seed, amplitude=3.0)
         fit_likelihood(maps(0.6, 32, 1, seed=seed)[0], guess)
-    assert _whittle._minimise._cached._cache_size() == before
+    assert _whittle.minimise._cached._cache_size() == before
 
 
 @pytest.mark.usefixtures("as_a_user")

@@ -27,10 +27,10 @@ from jaxtyping import Array, Bool, Float
 
 from jaxsurf import _grid
 from jaxsurf._checks import check_integer
-from jaxsurf.fitting._whittle import Minimum, Model, Periodogram
+from jaxsurf.fitting._whittle import Here, Periodogram
 
 FEWEST_SITES = 64
-PROBES = 8  # each gives the trace to about sqrt(2/sites)
+PROBED = 2e4  # sites times probes: traces, to about sqrt(2/PROBED) = 1 %
 
 
 class CutOut(eqx.Module):
@@ -44,7 +44,9 @@ class CutOut(eqx.Module):
         own_filter: the same on the map's own modes.
         shape: of the surrounding surface, in sites.
         spacing: the lattice constant.
+        signs: random signs on the map, which probe the variance of the gradient.
         broadening: by how much the window widens the scatter of a bin of modes.
+        has_kinks: false: the window smooths the kinks of a sharp cutoff.
     """
 
     window: Float[Array | np.ndarray, "x y"]
@@ -53,8 +55,11 @@ class CutOut(eqx.Module):
     filter: Float[Array | np.ndarray, "u v"]
     own_filter: Float[Array | np.ndarray, " mode"]
     shape: tuple[int, int] = eqx.field(static=True)
+    signs: Float[Array | np.ndarray, "probe x y"]
     spacing: float = eqx.field(static=True)
     broadening: float = eqx.field(static=True)
+    has_kinks: bool = eqx.field(static=True, default=False)
+    errors: str = eqx.field(static=True, default="sandwich")
 
     def expected(self, density: Any) -> Float[Array, " mode"]:
         """The mean of the periodogram of y, given S(q) of the heights as a function."""
@@ -76,47 +81,38 @@ class CutOut(eqx.Module):
         """S(q) but for leakage, to start from."""
         return periodogram / self.own_filter
 
-    def gradient_variances(
-        self, model: Model, found: Minimum, maps: int
-    ) -> list[Float[np.ndarray, "parameter parameter"] | None]:
-        """The variance of the likelihood's gradient at each minimum."""
-        signs = np.random.default_rng(0).choice([-1.0, 1.0], size=(PROBES, *self.window.shape))
-        rows = zip(found.parameters, found.slopes, found.expected, strict=True)
-        return [
-            maps * np.asarray(_gradient_variance(self, model, point, slopes, f, signs))
-            for point, slopes, f in rows
-        ]
+    def gradient_variance(
+        self, density: Any, here: Here, maps: Any
+    ) -> Float[Array, "parameter parameter"]:
+        """The variance of the likelihood's gradient, of so many maps together."""
+        spectrum = self._curvature_spectrum(density) / self.spacing**2
+        lx, ly = self.window.shape
+        scale = self.spacing**2 * lx * ly / jnp.sum(self.window**2)
+        weights = here.slopes * jnp.exp(-here.log_expected)[:, None]
+        rows = jnp.pad(weights.T, ((0, 0), (1, 0)))  # nothing at q = 0
+        forms = scale * rows.reshape(-1, lx, ly // 2 + 1)
+
+        def covariance(field: Array) -> Array:  # C v, by embedding in the periodic surface
+            modes = jnp.fft.rfft2(self.window * field, s=self.shape)
+            spread = jnp.fft.irfft2(modes * spectrum, s=self.shape)
+            return self.window * spread[:lx, :ly]
+
+        def form(weights: Array, field: Array) -> Array:  # B v
+            return jnp.fft.irfft2(weights * jnp.fft.rfft2(field), s=(lx, ly))
+
+        def probe(total: Array, sign: Array) -> tuple[Array, None]:
+            spread = covariance(sign)
+            right = jax.lax.map(lambda weights: covariance(form(weights, spread)), forms)
+            left = jax.lax.map(lambda weights: form(weights, sign), forms)
+            return total + jnp.einsum("kxy,lxy->kl", left, right), None
+
+        empty = jnp.zeros((forms.shape[0], forms.shape[0]))
+        total, _ = jax.lax.scan(probe, empty, jnp.asarray(self.signs))
+        trace = total / self.signs.shape[0]
+        return 0.25 * maps * (trace + trace.T)
 
     def _curvature_spectrum(self, density: Any) -> Array:
         return (density(self.q) * self.filter).at[0, 0].set(0.0)
-
-
-@eqx.filter_jit
-def _gradient_variance(cut, model, point, slopes, expected, signs):
-    spectrum = cut._curvature_spectrum(lambda q: model.density(point, q)) / cut.spacing**2
-    lx, ly = cut.window.shape
-    scale = cut.spacing**2 * lx * ly / jnp.sum(cut.window**2)
-    rows = jnp.pad((slopes / expected[:, None]).T, ((0, 0), (1, 0)))  # nothing at q = 0
-    forms = scale * rows.reshape(-1, lx, ly // 2 + 1)
-
-    def covariance(field):  # C v, by embedding in the periodic surface
-        modes = jnp.fft.rfft2(cut.window * field, s=cut.shape)
-        spread = jnp.fft.irfft2(modes * spectrum, s=cut.shape)
-        return cut.window * spread[:lx, :ly]
-
-    def form(weights, field):  # B v
-        return jnp.fft.irfft2(weights * jnp.fft.rfft2(field), s=(lx, ly))
-
-    def probe(total, sign):
-        spread = covariance(sign)
-        right = jax.lax.map(lambda weights: covariance(form(weights, spread)), forms)
-        left = jax.lax.map(lambda weights: form(weights, sign), forms)
-        return total + jnp.einsum("kxy,lxy->kl", left, right), None
-
-    empty = jnp.zeros((forms.shape[0], forms.shape[0]))
-    total, _ = jax.lax.scan(probe, empty, jnp.asarray(signs))
-    trace = total / signs.shape[0]
-    return 0.25 * (trace + trace.T)
 
 
 def observe(
@@ -157,11 +153,16 @@ def observe(
         _symbol(around),
         _symbol(shape).ravel()[1:],
         around,
+        np.random.default_rng(0).choice([-1.0, 1.0], size=(_probes(window.size), *shape)),
         spacing,
         float(np.sqrt(window.size / sites)),
     )
     q = _grid.wave_number(shape, spacing).ravel()[1:]
     return Periodogram(q, flat, multiplicity.ravel()[1:].copy(), cut)
+
+
+def _probes(sites: int) -> int:
+    return int(np.clip(np.ceil(PROBED / sites), 1, 32))
 
 
 def _overlap(window: Float[np.ndarray, "x y"], boundary: str) -> Float[np.ndarray, "xx yy"]:

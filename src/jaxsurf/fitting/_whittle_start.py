@@ -36,6 +36,14 @@ def bins_of(
     return label[raw]
 
 
+@jax.jit
+def _densities(law: Law, shapes: dict[str, Any], q: Any) -> Any:
+    """S(q) of the law with each set of values in place of its own, `[set, bin]`."""
+    if not shapes:
+        return law(q)[None]
+    return jax.vmap(lambda values: dataclasses.replace(law, **values)(q))(shapes)
+
+
 def start(
     law: Law,
     free: tuple[str, ...],
@@ -58,8 +66,9 @@ def start(
         low, high = bounds["cutoff"]
         grids["cutoff"] = np.append(np.geomspace(low * 1.1, high / 1.1, 10), float(law.cutoff))  # pyright: ignore[reportAttributeAccessIssue]
     shapes = [dict(zip(grids, values, strict=True)) for values in product(*grids.values())]
+    stacked = {name: np.array([shape[name] for shape in shapes], float) for name in grids}
     with jax.enable_x64(True):
-        densities = [np.asarray(dataclasses.replace(law, **shape)(centre)) for shape in shapes]
+        densities = np.asarray(_densities(jax.tree.map(np.float64, law), stacked, centre))
     found: list[dict[str, float]] = [{} for _ in measured]
     lowest = np.full(len(measured), np.inf)
     top = measured[:, -3:].mean(1, keepdims=True)

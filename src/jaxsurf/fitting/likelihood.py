@@ -29,6 +29,7 @@ from jaxsurf.fitting.fit import Fit
 from jaxsurf.laws import Law
 
 BOUNDARIES = ("periodic", "open")
+CLOSE_ENOUGH = 0.05  # standard errors from the maximum at which a fit counts as converged
 MODES_PER_BIN = 60.0  # of the residual spectrum: enough for its ratio to be nearly Gaussian
 
 
@@ -103,7 +104,7 @@ def fit_likelihood(
         )
     rough = data.observer.rough_spectrum(data.periodogram)
     at = start(law, free, limits, data.q, rough, data.multiplicity, NOISE)
-    logarithmic = tuple(limits[name][0] >= 0 and name != NOISE for name in free)
+    logarithmic = tuple(limits[name][0] >= 0 and name not in (NOISE, "alpha") for name in free)
     scale = float(np.median(rough[:, data.q > 0.8 * data.q.max()].mean(1)))
     model = Model(jax.tree.map(np.float64, law), np.float64(scale), free, logarithmic)
     with (
@@ -114,10 +115,17 @@ def fit_likelihood(
         begin = np.stack([_to_line(model, values) for values in at])
         low, high = (_to_line(model, {n: limits[n][end] for n in free}) for end in (0, 1))
         found = _whittle.minimise(
-            model, data.observer, data.periodogram, data.multiplicity, begin, low, high
+            model,
+            data.observer,
+            data.periodogram,
+            data.multiplicity,
+            begin,
+            low,
+            high,
+            np.float64(data.maps),
         )
-        variances = data.observer.gradient_variances(model, found, data.maps)
-    fits = [_fit(model, data, found, k, low, high, variances[k]) for k in range(len(begin))]
+        found = jax.tree.map(np.asarray, found)
+    fits = [_fit(model, data, found, k, low, high) for k in range(len(begin))]
     return fits if each else fits[0]
 
 
@@ -219,7 +227,6 @@ def _fit(
     k: int,
     low: np.ndarray,
     high: np.ndarray,
-    variance: np.ndarray | None,
 ) -> Fit:
     """The k-th map's minimum as a `Fit`, in the parameters' own units."""
     point, names = np.asarray(found.parameters[k]), model.free
@@ -231,7 +238,7 @@ def _fit(
             for name, is_log in zip(names, model.logarithmic, strict=True)
         ]
     )
-    fisher = _whittle.fisher(np.asarray(found.slopes[k]), data.multiplicity)
+    fisher = np.asarray(found.fisher[k])
     status, covariance = CONVERGED, np.full((len(names), len(names)), np.inf)
     if not np.all(np.isfinite(fisher)) or np.linalg.matrix_rank(fisher, hermitian=True) < len(
         names
@@ -241,14 +248,11 @@ def _fit(
             "nearer to the data."
         )
     else:
-        covariance = np.linalg.inv(fisher)
-        if variance is not None:
-            covariance = covariance @ variance @ covariance
-        covariance = covariance * np.outer(slopes, slopes)
-        if not found.gain[k] < 0.05:
+        covariance = np.asarray(found.covariance[k]) * np.outer(slopes, slopes)
+        if not found.distance[k] < CLOSE_ENOUGH:
             status = (
-                f"not converged: the log likelihood rises by {found.gain[k]:.2g} a tenth of an "
-                "error away. Pass a law nearer to the data, or tighter bounds=."
+                f"not converged: the maximum seems {found.distance[k]:.2g} errors away. Pass a law "
+                "nearer to the data, or tighter bounds=."
             )
         elif held := [n for n, p, b, t in zip(names, point, low, high, strict=True) if p in (b, t)]:
             shown = ", ".join(f"{name} = {values[name]:.4g}" for name in held)
@@ -269,7 +273,7 @@ def _fit(
             "log_likelihood": -float(found.deviance[k]),
             "maps": data.maps,
             "modes": float(data.multiplicity.sum()),
-            "errors": "Fisher" if variance is None else "sandwich",
+            "errors": data.observer.errors,
             "residual_spectrum": (q, ratio, error),
         },
     )

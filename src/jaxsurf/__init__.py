@@ -20,6 +20,7 @@ from jaxsurf.fitting.crossover import fit_crossover as fit_crossover
 from jaxsurf.fitting.fit import Fit as Fit
 from jaxsurf.fitting.joint import fit_joint as fit_joint
 from jaxsurf.fitting.likelihood import fit_likelihood as fit_likelihood
+from jaxsurf.fitting.local_exponents import local_exponents as local_exponents
 from jaxsurf.fitting.power_law import fit_power_law as fit_power_law
 from jaxsurf.io.heightmap import HeightMap as HeightMap
 from jaxsurf.io.levelling import level as level

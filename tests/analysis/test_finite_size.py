@@ -14,7 +14,7 @@ from jaxsurf.analysis.finite_size import (
 from jaxsurf.report.collapse import finite_size_figures
 
 SMALL = FiniteSizeSettings(
-    alphas=(0.4,), sizes=(64, 96, 128), sites=2**18, fewest=12, most=40, levels=4, draws=20
+    alphas=(0.4,), sizes=(64, 128, 256), sites=2**20, fewest=12, most=60, levels=4, draws=20
 )
 
 
@@ -27,11 +27,11 @@ def test_small_maps_end_to_end(small):
     row = small.rows[0]
     assert set(small.curves[0.4]) == set(KINDS)
     for name in COLUMNS:
-        # maps of 64 to 128 sites: corrections of order one tenth beside the statistical error
+        # maps of 64 to 256 sites: corrections of order one tenth beside the statistical error
         statistical, systematic = row.errors(name)
         assert abs(row.value(name) - row.theory[name]) < 0.1 + 4 * statistical
-        # sizes within a factor of two may determine nothing; the error is then large
-        assert 0 < statistical < np.inf
+        # sizes over a factor of four determine the exponents
+        assert 0 < statistical < 0.3
         assert row.pull(name) == pytest.approx(
             (row.value(name) - row.theory[name]) / np.hypot(statistical, systematic)
         )
@@ -40,6 +40,10 @@ def test_small_maps_end_to_end(small):
         )
         assert row.nearer(name) == nearer
     assert row.paper["D_f"] == (1.32, 0.03)
+    for name in ("2x_l", "D_f"):
+        assert [step.sizes for step in row.steps[name]] == [(64, 128), (128, 256)]
+        last = row.steps[name][-1]
+        assert abs(last.value - row.theory[name]) < 0.1 + 4 * last.error  # as above
     record = small.to_rows()[0]
     assert record["tau-2 theory"] == pytest.approx(0.6 / 2.6)
     json.dumps(small.to_dict())
@@ -47,7 +51,10 @@ def test_small_maps_end_to_end(small):
 
 def test_pictures_of_the_collapse(small):
     figures = finite_size_figures(small)
-    assert len(figures) == 3
+    assert len(figures) == 4
+    against = figures.pop("exponents_against_size")
+    # error bars of both exponents at the one alpha, and its theory
+    assert [len(axes.containers) for axes in against.axes] == [1, 1]
     for figure in figures.values():
         before, after = figure.axes
         assert len(before.get_lines()) == 3

@@ -14,7 +14,7 @@ Source: the paper's Sec. V C, Table I, Figs. 8 and 9.
 """
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import jax
@@ -25,6 +25,7 @@ from jaxsurf.analysis.table1 import WHITE_NOISE, law_of, name_of, paper_table, t
 from jaxsurf.curve import Curve, concatenate
 from jaxsurf.fitting.collapse import fit_collapse
 from jaxsurf.fitting.fit import Fit
+from jaxsurf.fitting.local_exponents import LocalExponent, local_exponents
 from jaxsurf.loops.levels import level_loops
 from jaxsurf.loops.pairs import all_pairs_correlation
 from jaxsurf.surfaces.gaussian import sample
@@ -37,6 +38,8 @@ COLUMNS = {
     "D_f": ("loops", "D_f"),
     "tau-2": ("loops", "tau_minus_2"),
 }
+#: Exponent -> the measure that shows it from size to size, and its sign there.
+STEPS = {"2x_l": ("loop_correlation", -1.0), "D_f": ("mean_length", 1.0)}
 #: kind -> smallest scale, and largest in units of L (None: up to where loops run out).
 WINDOWS: dict[str, tuple[float, float | None]] = {
     "mean_length": (8.0, 0.4),
@@ -68,9 +71,9 @@ class FiniteSizeSettings:
 
     alphas: tuple[float | int, ...] = (0.0, 0.2, 0.4, 0.6, 0.8, 1.0)
     sizes: tuple[int, ...] = (64, 128, 256, 512, 1024, 2048)
-    sites: int = 2**25
+    sites: int = 2**26
     fewest: int = 12
-    most: int = 400
+    most: int = 8000
     levels: int = 8
     omega: float | int = 1.0
     draws: int = 100
@@ -83,7 +86,7 @@ class FiniteSizeSettings:
             check_shape((side, side))
         for alpha in self.alphas:
             check_in_range("alpha", alpha, -1.0, 1.0, remedy="Rough surfaces have 0 to 1.")
-        check_integer("sites", self.sites, low=1, remedy="2**25 take a minute an alpha.")
+        check_integer("sites", self.sites, low=1, remedy="2**26 take four minutes an alpha.")
         check_integer("fewest", self.fewest, low=5, remedy="Covariances need at least 5 surfaces.")
         check_integer("most", self.most, low=self.fewest, remedy="It limits small sizes.")
         check_integer("levels", self.levels, low=1, remedy="8 are nearly independent.")
@@ -104,12 +107,14 @@ class FiniteSizeRow:
         fits: "loops" (D_f and tau-2 together) and "correlation" (2x_l).
         paper: exponent -> (value, error) of the paper's FSS column; empty if it has none.
         theory: exponent -> predicted value.
+        steps: "2x_l" and "D_f" from each size to the next, at a fixed share of the map.
     """
 
     alpha: float
     fits: dict[str, Fit]
     paper: dict[str, tuple[float, float]]
     theory: dict[str, float]
+    steps: dict[str, tuple[LocalExponent, ...]]
 
     def value(self, name: str) -> float:
         """The exponent from the collapse."""
@@ -166,6 +171,9 @@ class FiniteSize:
                         for name in COLUMNS
                     },
                     "fits": {name: fit.to_dict() for name, fit in row.fits.items()},
+                    "steps": {
+                        name: [vars(step) for step in steps] for name, steps in row.steps.items()
+                    },
                 }
                 for row in self.rows
             ],
@@ -274,7 +282,13 @@ def collapse_row(
         ),
         "correlation": fit_collapse(curves["loop_correlation"], **options),
     }
-    return FiniteSizeRow(alpha, fits, _paper_values(alpha), theory)
+    steps = {
+        name: tuple(
+            replace(step, value=sign * step.value) for step in local_exponents(curves[kind])
+        )
+        for name, (kind, sign) in STEPS.items()
+    }
+    return FiniteSizeRow(alpha, fits, _paper_values(alpha), theory, steps)
 
 
 def _paper_values(alpha: float) -> dict[str, tuple[float, float]]:

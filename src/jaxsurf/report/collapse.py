@@ -1,4 +1,4 @@
-"""Pictures of a data collapse: curves of several sizes before and after, as in Figs. 8 and 9."""
+"""Pictures of finite-size scaling: collapses as in Figs. 8 and 9, and exponents against size."""
 
 from collections.abc import Mapping
 
@@ -9,14 +9,12 @@ from matplotlib.figure import Figure
 from jaxsurf.analysis.finite_size import FiniteSize
 from jaxsurf.curve import Curve
 from jaxsurf.fitting.fit import Fit
-from jaxsurf.report.pictures import COLORS, describe_axes, new_figure
-
-MARKERS = "o^vs*D<>"
+from jaxsurf.report.pictures import COLORS, MARKERS, STYLE, describe_axes, new_figure
 
 
 def finite_size_figures(result: FiniteSize) -> dict[str, Figure]:
-    """File name -> figure: for each alpha the collapse of every loop measure."""
-    figures = {}
+    """File name -> figure: the exponents against size, and for each alpha every collapse."""
+    figures = {"exponents_against_size": plot_against_size(result)}
     for row in result.rows:
         curves = result.curves[row.alpha]
         for name, kinds in (
@@ -28,6 +26,38 @@ def finite_size_figures(result: FiniteSize) -> dict[str, Figure]:
                     curves[kind], row.fits[name], measure=number, title=f"α = {row.alpha:g}"
                 )
     return figures
+
+
+def plot_against_size(result: FiniteSize) -> Figure:
+    """Exponents from each size to the next, and from the collapse, against theory (dashed)."""
+    figure = new_figure(8.4, 3.9)
+    for number, (name, symbol) in enumerate((("2x_l", "$2x_l$"), ("D_f", "$D_f$"))):
+        axes = figure.add_subplot(1, 2, number + 1)
+        for index, row in enumerate(result.rows):
+            color = COLORS[index % len(COLORS)]
+            steps = row.steps[name]
+            # a little apart, so that error bars of several alphas can be told from one another
+            size = np.array([np.sqrt(step.sizes[0] * step.sizes[1]) for step in steps])
+            axes.errorbar(
+                size * 1.03 ** (index - len(result.rows) / 2),
+                [step.value for step in steps],
+                [step.error for step in steps],
+                fmt=MARKERS[index % len(MARKERS)],
+                color=color,
+                elinewidth=0.7,
+                label=f"{row.alpha:g}",
+                **STYLE,
+            )
+            axes.axhline(row.theory[name], color=color, linestyle="--", linewidth=0.8)
+        axes.set_xscale("log", base=2)
+        axes.set_xlabel("$L$ (geometric mean of two sizes) [sites]")
+        axes.set_ylabel(symbol)
+        axes.tick_params(labelsize=8, which="both", direction="in", top=True, right=True)
+        values = [step.value for row in result.rows for step in row.steps[name] if step.error < 0.1]
+        known = values + [row.theory[name] for row in result.rows]
+        axes.set_ylim(min(known) - 0.06, max(known) + 0.06)
+    figure.axes[0].legend(fontsize=7, frameon=False, title="α", title_fontsize=7, ncols=2)
+    return figure
 
 
 def plot_collapse(

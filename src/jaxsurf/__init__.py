@@ -10,8 +10,8 @@ from jaxsurf.analysis.multiaffinity import GeneralisedExponents as GeneralisedEx
 from jaxsurf.analysis.multiaffinity import generalised_exponents as generalised_exponents
 from jaxsurf.analysis.time_scaling import loops_in_time as loops_in_time
 from jaxsurf.analysis.time_scaling import scale_in_time as scale_in_time
-from jaxsurf.analysis.time_scaling import width_increments as width_increments
 from jaxsurf.analysis.time_scaling import width_in_time as width_in_time
+from jaxsurf.analysis.time_scaling import width_increments as width_increments
 from jaxsurf.curve import Curve as Curve
 from jaxsurf.curve import concatenate as concatenate
 from jaxsurf.fitting.collapse import fit_collapse as fit_collapse

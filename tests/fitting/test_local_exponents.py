@@ -7,7 +7,7 @@ from jaxsurf.fitting.local_exponents import local_exponents
 SHARES = np.geomspace(0.01, 0.6, 40)
 
 
-def curve_of(size, exponent, factors=np.ones(4), kind="mean_length"):
+def curve_of(size, exponent, factors=(1.0,) * 4, kind="mean_length"):
     """y = L^p f(x/L) with a master curve that is no power law, times a factor of each surface."""
     master = SHARES**1.1 * np.exp(-((2 * SHARES) ** 2))
     samples = size**exponent * np.outer(factors, master)
@@ -31,7 +31,7 @@ def test_a_correction_to_scaling_shows_as_a_drift():
 
     sizes = (64, 128, 256)
     steps = local_exponents({size: corrected(size) for size in sizes})
-    drift = np.diff(np.log1p(-np.array(sizes, float) ** -0.8)) / np.log(2)
+    drift = np.diff(np.log1p(-(np.array(sizes, float) ** -0.8))) / np.log(2)
     assert [step.value - 1.3 for step in steps] == pytest.approx(list(drift), abs=1e-10)
 
 

@@ -15,11 +15,14 @@ NumPy alone.
 """
 
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 
+from jaxsurf.loops.maps import whole_plaquettes
+
 WALKERS_AT_ONCE = 2048  # a block of their steps fits the cache
-PLAQUETTES_AT_ONCE = 8192  # plaquettes whose thresholds are worked out together, likewise
+PLAQUETTES_AT_ONCE = 16384  # plaquettes whose thresholds are worked out together, likewise
 
 # Directions 0 ... 3 are +x, +y, -x, -y. The corners of plaquette (i, j), counterclockwise, are
 # (i, j), (i+1, j), (i+1, j+1), (i, j+1). A walker moving in direction d has corner d behind it on
@@ -33,7 +36,7 @@ class Board:
     """The thresholds of every plaquette and direction of a batch of periodic maps with margins.
 
     The state of a walker is one integer, 4 * plaquette + direction; a step adds an offset to it.
-    The margin repeats the map, so that walkers need bringing home only every `margin` steps.
+    The margin repeats the map, so that walkers need bringing home only after a block of steps.
     """
 
     table: np.ndarray  # complex: thresholds (left, right) of each state, side by side
@@ -48,34 +51,34 @@ class Board:
         """What one step along x adds to a state."""
         return 4 * self.padded[1]
 
+    @property
+    def block(self) -> int:
+        """Steps taken at once: within the margin, and too few to pass two images of one place."""
+        return min(self.margin, *(side - 1 for side in self.shape))
+
 
 def lay_out(heights: np.ndarray, valid: np.ndarray | None) -> Board:
     """Tabulate the thresholds of maps `[surface, x, y]`; invalid sites are at -inf."""
     surfaces, *shape = heights.shape
     margin = int(np.clip(min(shape) // 16, 8, 32))
     padded = (shape[0] + 2 * margin, shape[1] + 2 * margin)
-    row = np.arange(surfaces)[:, None] * shape[0]
-    near = (row + np.arange(-margin, padded[0] - margin) % shape[0]).ravel()
-    far = (row + np.arange(1 - margin, padded[0] - margin + 1) % shape[0]).ravel()
-    column = np.arange(-margin, padded[1] - margin + 1) % shape[1]
-    rows = heights.reshape(-1, shape[1])
-    table = np.empty((len(near), padded[1], 4, 2), heights.dtype)
+    row, column = (np.arange(-margin, side + margin + 1) % side for side in shape)
+    table = np.empty((surfaces, *padded, 4, 2), heights.dtype)
     step = max(1, PLAQUETTES_AT_ONCE // padded[1])
-    for start in range(0, len(near), step):
-        part = slice(start, start + step)
-        low, high = rows[near[part]][:, column], rows[far[part]][:, column]
-        corners = np.stack([low[:, :-1], high[:, :-1], high[:, 1:], low[:, 1:]])
+    for surface, start in product(range(surfaces), range(0, padded[0], step)):
+        sites = heights[surface].take(row[start : start + step + 1], 0).take(column, 1)
+        low, high = sites[:-1], sites[1:]
+        around = (low[:, :-1], high[:, :-1], high[:, 1:], low[:, 1:])
+        corners = [np.ascontiguousarray(each) for each in around]
         means = mean_height(*corners)
-        below, above = np.minimum(corners, means), np.maximum(corners, means)
+        part = table[surface, start : start + step]
         for d in range(4):
-            left, right = (d + 2) % 4, (d + 1) % 4
-            np.maximum(corners[left], below[right], out=table[part, :, d, 0])
-            np.minimum(corners[right], above[left], out=table[part, :, d, 1])
+            left, right = corners[(d + 2) % 4], corners[(d + 1) % 4]
+            np.maximum(left, np.minimum(right, means), out=part[:, :, d, 0])
+            np.minimum(right, np.maximum(left, means), out=part[:, :, d, 1])
     outside = None
     if valid is not None:
-        sites = valid.reshape(-1, shape[1])
-        whole = sites[near] & sites[far]
-        outside = ~(whole[:, column[:-1]] & whole[:, column[1:]]).ravel()
+        outside = ~whole_plaquettes(valid).take(row[:-1], 1).take(column[:-1], 2).ravel()
     pair = np.complex64 if heights.dtype == np.float32 else np.complex128
     table = table.view(pair).reshape(-1)
     return Board(table, outside, surfaces, (shape[0], shape[1]), padded, margin)
@@ -134,10 +137,12 @@ def walk(
             x[:, ended], y[:, ended] = x[rows, ended], y[rows, ended]
             box.replace(ended, _Box.around(x[:, ended], y[:, ended]))
         walkers.box.grow(box)
-        walkers.area += np.einsum("tn,tn->n", x[:-1], np.diff(y, axis=0))
+        swept = y[1:] - y[:-1]
+        swept *= x[:-1]
+        walkers.area += np.add.reduce(swept, 0, np.int32)
         if pairs is not None:
             _count_pairs(board, walkers, x[1:], y[1:], pairs, sign)
-        walkers.state = path[-1]
+        _bring_home(board, walkers, path[-1], x[-1], y[-1])
         if len(ended):
             done = walkers.number[ended]
             found.length[done] = walkers.steps[ended] + last
@@ -148,8 +153,7 @@ def walk(
             going = np.ones(len(path[0]), bool)
             going[ended] = False
             walkers = walkers.keep(going)
-        walkers.steps += board.margin
-        _bring_home(board, walkers)
+        walkers.steps += board.block
         if len(waiting) and len(walkers.state) < WALKERS_AT_ONCE:
             free = WALKERS_AT_ONCE - len(walkers.state)
             walkers = walkers.join(_enter(board, starts, waiting[:free]))
@@ -242,8 +246,8 @@ def _offsets(board: Board) -> np.ndarray:
 
 
 def _take_steps(board: Board, offsets: np.ndarray, walkers: _Walkers) -> np.ndarray:
-    """The states [step, walker] of the next `margin` steps, the present one first."""
-    path = np.empty((board.margin + 1, len(walkers.state)), np.int64)
+    """The states [step, walker] of the next block of steps, the present one first."""
+    path = np.empty((board.block + 1, len(walkers.state)), np.int64)
     path[0] = walkers.state
     level = walkers.level
     count = len(level)
@@ -269,7 +273,7 @@ _SECOND_BYTE, _THIRD_BYTE = (1, 2) if np.little_endian else (6, 5)
 
 def _positions(board: Board, walkers: _Walkers, path: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Where the unwrapped loops are, [step, walker], relative to their starts."""
-    states = (path - walkers.base).astype(np.int32)
+    states = np.subtract(path, walkers.base, dtype=np.int32, casting="unsafe")
     x = states // np.int32(board.row)
     y = states - x * np.int32(board.row)
     y >>= 2
@@ -287,27 +291,27 @@ def _endings(
         columns, steps, winding vectors and whether the loop left the map.
     """
     # A loop can close only where the block's box holds its start or a periodic image of it.
-    may_end = box.high_x // board.shape[0] > (box.low_x - 1) // board.shape[0]
-    may_end &= box.high_y // board.shape[1] > (box.low_y - 1) // board.shape[1]
-    left_map = None if board.outside is None else board.outside[path[1:] >> 2]
-    if left_map is not None:
-        may_end |= left_map.any(0)
-    some = np.flatnonzero(may_end)
-    away_x, away_y = x[1:, some], y[1:, some]
-    ends = (path[1:, some] & 3) == walkers.direction[some]
-    ends &= (away_x % board.shape[0] == 0) & (away_y % board.shape[1] == 0)
-    if left_map is not None:
-        ends |= left_map[:, some]
-    column = np.flatnonzero(ends.any(0))
-    first = np.argmax(ends[:, column], 0)
-    winding = np.stack(
-        [away_x[first, column] // board.shape[0], away_y[first, column] // board.shape[1]], 1
-    )
-    is_open = np.zeros(len(column), bool)
-    if left_map is not None:
-        is_open = left_map[first, some[column]]
-        winding[is_open] = 0
-    return some[column], first + 1, winding, is_open
+    period_x, period_y = board.shape
+    image_x, image_y = box.high_x // period_x, box.high_y // period_y
+    near = (image_x * period_x >= box.low_x) & (image_y * period_y >= box.low_y)
+    start = walkers.base + walkers.direction
+    start += (walkers.x + image_x * period_x) * board.row
+    start += (walkers.y + image_y * period_y) * 4
+    ends = path[1:] == start
+    if board.outside is None:
+        column = np.flatnonzero(ends.any(0) & near)
+        first = np.argmax(ends[:, column], 0)
+        is_open = np.zeros(len(column), bool)
+    else:
+        left_map = board.outside.take(path[1:] >> 2)
+        ends &= near
+        ends |= left_map
+        column = np.flatnonzero(ends.any(0))
+        first = np.argmax(ends[:, column], 0)
+        is_open = left_map[first, column]
+    winding = np.stack([image_x[column], image_y[column]], 1)
+    winding[is_open] = 0
+    return column, first + 1, winding, is_open
 
 
 def _count_pairs(
@@ -322,11 +326,13 @@ def _count_pairs(
     pairs += sign * np.bincount(distance.ravel(), minlength=pairs.size).reshape(pairs.shape)
 
 
-def _bring_home(board: Board, walkers: _Walkers) -> None:
-    """Move walkers that stand in the margin by whole periods into the map."""
-    x, rest = np.divmod(walkers.state - walkers.base, board.row)
-    move_x = (x - board.margin) // board.shape[0] * board.shape[0]
-    move_y = ((rest >> 2) - board.margin) // board.shape[1] * board.shape[1]
-    walkers.state = walkers.state - (board.row * move_x + 4 * move_y)
+def _bring_home(
+    board: Board, walkers: _Walkers, state: np.ndarray, x: np.ndarray, y: np.ndarray
+) -> None:
+    """Put walkers where they have come to, moved by whole periods into the map."""
+    at_x, at_y = x + walkers.x - board.margin, y + walkers.y - board.margin
+    move_x = at_x // board.shape[0] * board.shape[0]
+    move_y = at_y // board.shape[1] * board.shape[1]
+    walkers.state = state - (board.row * move_x + 4 * move_y)
     walkers.x = walkers.x - move_x
     walkers.y = walkers.y - move_y

@@ -93,6 +93,31 @@ def test_through_the_knee_alpha_and_xi_together():
     assert fit.dof == 2
 
 
+@pytest.mark.slow
+def test_heights_and_loops_of_one_gaussian_ensemble_agree():
+    import jax
+
+    import jaxsurf as js
+
+    def measured(alpha, seed):
+        heights = js.sample(js.SelfAffine(alpha), (512, 512), key=jax.random.key(seed), batch=25)
+        loops = js.level_loops(np.asarray(heights), 32, rng=seed)
+        spectrum, curvature = js.power_spectrum(heights), js.curvature_moment(heights)
+        return [spectrum, curvature], [loops.mean_length(), loops.length_tail()]
+
+    of_heights, of_loops = measured(0.4, 0)
+    fit = fit_joint([*of_heights, *of_loops])
+    print(fit, fit.details["chi2_statistical"])
+    assert fit.converged
+    assert abs(fit.values["alpha"] - 0.4) < 2 * fit.total_error("alpha")
+    assert fit.total_error("alpha") < 0.03
+    assert fit.p_value > 0.01
+    # the control: loops of other surfaces, of alpha = 0.8, are seen not to belong to these heights
+    other = fit_joint([*of_heights, *measured(0.8, 1)[1]])
+    print(other)
+    assert other.p_value < 0.01
+
+
 @pytest.mark.parametrize(
     ("given", "message"),
     [

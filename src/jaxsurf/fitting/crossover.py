@@ -140,8 +140,8 @@ def fit_crossover(
     ]
     good = np.array([bool(refit.success) for refit in refits])
     names, values, jacobian = solver.reported(model, best)
-    spread = np.array([solver.reported(model, refit.values)[1] for refit in refits])
-    covariance = _robust_covariance(spread[good])
+    spread = np.array([refit.values for refit in refits])
+    covariance = _covariance(spread[good]) * np.outer(jacobian, jacobian)
     varied = vary_windows(model, stack, data, best, jacobian)
     return Fit(
         model="crossover: " + ", ".join(kinds),
@@ -312,8 +312,12 @@ def _first_guess(name: str, alpha: float, log_xi: float) -> float:
     return 0.0
 
 
-def _robust_covariance(draws: np.ndarray) -> np.ndarray:
-    """Covariance of the draws, infinite if there are too few."""
+def _covariance(draws: np.ndarray) -> np.ndarray:
+    """Covariance of the fitted parameters over the draws, infinite if there are too few.
+
+    Lengths and sharpness are fitted by their logarithms: those of a knee that a draw barely shows
+    scatter over factors, and one draw would make an error of lengths themselves.
+    """
     if len(draws) < 2:
         return np.full((draws.shape[1],) * 2, np.inf)
     return np.atleast_2d(np.cov(draws.T))

@@ -6,7 +6,7 @@ Fig. 11, whose xi = 16 lies between and is not used. Run: python benchmarks/cros
 
 import numpy as np
 
-from jaxsurf.analysis.crossover import MEASURES, CrossoverSettings, measure_crossover
+from jaxsurf.analysis.crossover import CORRECTION, MEASURES, CrossoverSettings, measure_crossover
 from jaxsurf.curve import concatenate
 from jaxsurf.fitting.crossover import fit_crossover
 
@@ -27,7 +27,7 @@ def knees(cutoff: int, surfaces: int) -> tuple[np.ndarray, np.ndarray]:
         )
         parts.append(measure_crossover(settings, cutoff))
     curves = [concatenate([part[kind] for part in parts]) for kind in MEASURES]
-    fit = fit_crossover(curves, shared=("alpha",), draws=40)
+    fit = fit_crossover(curves, shared=("alpha",), correction=CORRECTION, draws=40)
     print(fit, flush=True)
     names = [f"xi[{kind}]" for kind in MEASURES[1:]]
     values = np.array([fit.values[name] for name in names]) / cutoff

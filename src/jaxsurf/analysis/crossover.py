@@ -8,6 +8,9 @@ $G(r)$; each measure's own xi stands beside them, and a chi2 says whether they a
 A knee is where two straight lines meet, and they meet at another length in each loop measure:
 `KNEES` are those lengths over xi, which for Gaussian surfaces with this law are pure numbers.
 
+P_> and G are shares of all contour length, winding loops included; beside a cutoff of L/32 that
+is the paper's choice to 1 %.
+
 Source: the paper's Sec. V D, Eqs. (hq_var_cut), (scross), Fig. 11.
 """
 
@@ -34,6 +37,8 @@ Progress = Callable[[float, str], None]
 MEASURES = ("curvature_moment", "mean_length", "length_tail", "loop_correlation")
 #: Knee over xi at alpha = 0.4, measured at xi = 8 and 32 by benchmarks/crossover_knees.py.
 KNEES = {"mean_length": 4.84, "length_tail": 0.91, "loop_correlation": 1.06}
+#: Exponent of the correction for small loops, whose radius is known to a site or so.
+CORRECTION = 1.0
 #: Scales beyond the knee, in units of xi, for plain exponents there.
 BEYOND = {
     "mean_length": (5.0, 12.5),
@@ -126,7 +131,8 @@ class Crossover:
     def to_dict(self) -> dict[str, Any]:
         """Settings, fits and the agreement of the four xi, ready for JSON."""
         return {
-            "settings": vars(self.settings) | {"knees": KNEES, "beyond": BEYOND},
+            "settings": vars(self.settings)
+            | {"knees": KNEES, "correction": CORRECTION, "beyond": BEYOND},
             "joint": self.joint.to_dict(),
             "separate": self.separate.to_dict(),
             "beyond": {kind: fit.to_dict() for kind, fit in self.beyond.items()},
@@ -159,7 +165,12 @@ def reproduce_crossover(
         report(0.3 * number, f"surfaces and loops, {name}")
         curves[name] = measure_crossover(settings, cutoff)
     measured = [curves["cutoff"][kind] for kind in MEASURES]
-    options: dict[str, Any] = {"knees": KNEES, "draws": settings.draws, "rng": settings.seed}
+    options: dict[str, Any] = {
+        "knees": KNEES,
+        "correction": CORRECTION,
+        "draws": settings.draws,
+        "rng": settings.seed,
+    }
     report(0.6, "one xi through all knees")
     joint = fit_crossover(measured, **options)
     report(0.8, "a xi for each measure")
@@ -186,8 +197,8 @@ def measure_crossover(settings: CrossoverSettings, cutoff: float | int | None) -
         "spectrum": power_spectrum(heights),
         "curvature_moment": curvature_moment(heights),
         "mean_length": loops.mean_length(),
-        "length_tail": loops.length_tail(),
-        "loop_correlation": loops.correlation(),
+        "length_tail": loops.length_tail(share="all"),
+        "loop_correlation": loops.correlation(share="all"),
     }
 
 

@@ -51,6 +51,9 @@ def test_every_curve_and_column_is_there(table):
             "curvature 3",
             "mean_length",
             "length_tail",
+            "height skewness",
+            "height kurtosis",
+            "curvature skewness",
         }
         assert all(curve.surfaces == SMALL.replicas for curve in curves.values())
     assert table.side == 64
@@ -73,6 +76,21 @@ def test_growth_and_equilibrium_are_told_apart(table):
     still = table.curves[0.5, 64]["curvature 3"]
     assert np.abs(third.mean / third.stderr)[0] > 5  # growth breaks the symmetry up-down
     assert np.abs(still.mean / still.stderr)[0] < 5
+    # heights of surfaces that evaporate are lopsided, those in equilibrium are not
+    assert grown.skewness[0] > 4 * grown.skewness[1]
+    assert abs(equilibrium.skewness[0]) < 4 * equilibrium.skewness[1]
+    assert all(error > 0 for row in table.rows for _, error in (row.skewness, row.kurtosis))
+
+
+def test_the_skewness_of_the_curvature_is_that_of_its_moments(table):
+    for curves in table.curves.values():
+        second, third = curves["curvature 2"], curves["curvature 3"]
+        ratio = third.mean / second.mean**1.5
+        skewness = curves["curvature skewness"]
+        assert (skewness.kind, skewness.detail("order")) == ("curvature_skewness", None)
+        # the jackknife takes off a bias that is small against the error
+        assert np.all(np.abs(skewness.mean - ratio) < 0.5 * skewness.stderr)
+        assert np.all(skewness.stderr > 0)
 
 
 def test_derived_columns_follow_from_their_source(table):

@@ -19,6 +19,7 @@ def curve(kind, power, **details):
 @pytest.fixture
 def table():
     points = {size: {"X": SCALE / size, "Y": SCALE, "error": 0.1 * SCALE} for size in (64.0, 128.0)}
+    master = {"X": SCALE, "Y": SCALE}
     fit = Fit(
         "made by hand",
         {"exponent": 1.0, "amplitude": 2.0},
@@ -28,8 +29,8 @@ def table():
         1,
         details={
             "window": (2.0, 16.0),
-            "collapsed": [points],
-            "master": [{"X": SCALE, "Y": SCALE}],
+            "collapsed": [points, points],
+            "master": [master, master],
         },
     )
     entries = {name: Entry(1.0, 0.1, 0.0, fit, None) for name in COLUMNS}
@@ -39,9 +40,10 @@ def table():
         "curvature 2": curve("curvature_moment", 0.6, order=2),
         "curvature 3": curve("curvature_moment", 1.0, order=3),
         "mean_length": curve("mean_length", 1.4),
+        "curvature skewness": curve("curvature_skewness", 0.1),
         "length_tail": curve("length_tail", -0.3),
     }
-    rows = tuple(Table2Row(p, entries, 0.05) for p in (0.1, 0.5))
+    rows = tuple(Table2Row(p, entries, (0.2, 0.01), (0.1, 0.02), 0.05) for p in (0.1, 0.5))
     return Table2(Table2Settings(), rows, {(p, 128): curves for p in (0.1, 0.5)})
 
 
@@ -59,4 +61,6 @@ def test_spectra_are_set_apart_and_the_third_moment_keeps_its_sign(table):
     assert legend == ["$p_+$ = 0.1", "$p_+$ = 0.5 (×0.1)"]
     assert figures["curvature"].axes[0].get_yscale() == "log"
     assert figures["curvature"].axes[1].get_yscale() == "linear"
-    assert [axes.get_title() for axes in figures["collapse"].axes] == ["$p_+$ = 0.1", "$p_+$ = 0.5"]
+    assert figures["curvature"].axes[2].get_yscale() == "linear"
+    titles = [axes.get_title() for axes in figures["collapse"].axes]
+    assert titles == ["$p_+$ = 0.1", "", "$p_+$ = 0.5", ""]

@@ -10,6 +10,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Int
 
@@ -17,8 +18,10 @@ from jaxsurf._checks import check_choice, check_in_range, check_integer
 from jaxsurf.analysis.snapshots import pool_snapshots
 from jaxsurf.curve import Curve
 from jaxsurf.loops.trace import trace_loops
+from jaxsurf.measures._ratios import ensemble_ratio
 from jaxsurf.measures.curvature import curvature_moment
 from jaxsurf.measures.fourier import directional_spectrum
+from jaxsurf.measures.heights import height_kurtosis, height_skewness
 from jaxsurf.surfaces._step_updates import SCHEMES
 from jaxsurf.surfaces.single_step import init_single_step, run_single_step
 
@@ -147,8 +150,25 @@ def measure(
         "spectrum 11": [spectra["11"], spectra["1-1"]],
         "mean_length": [loops.mean_length()],
         "length_tail": [loops.length_tail()],
+        "height skewness": [height_skewness(near_zero)],
+        "height kurtosis": [height_kurtosis(near_zero)],
     }
     for order in (2, 3):
         found[f"curvature {order}"] = [curvature_moment(near_zero, order=order)]
     pooled = {name: pool_snapshots(several, replicas) for name, several in found.items()}
+    pooled["curvature skewness"] = _skewness(pooled["curvature 2"], pooled["curvature 3"])
     return pooled, loops.share_winding
+
+
+def _skewness(second: Curve, third: Curve) -> Curve:
+    """<C_b^3>/<C_b^2>^(3/2) of the moments of independent runs."""
+    weights = np.asarray(second.weights)
+    ratio = ensemble_ratio(*map(jnp.asarray, (third.samples, second.samples, weights)), 1.5)
+    return Curve(
+        "curvature_skewness",
+        second.scale,
+        np.asarray(ratio, float),
+        weights,
+        units=(second.units[0], "1"),
+        details=second.details[1:],
+    )

@@ -111,6 +111,9 @@ def _view(table: Any) -> Table:
                 f"{entry.value:.3f} ± {entry.statistical:.3f} ± {entry.systematic:.3f}",
                 f"{entry.paper[0]:g} ± {entry.paper[1]:.2g}" if entry.paper else "",
                 f"{entry.pull:+.1f} σ" if entry.paper else "",
-                end_section=name == columns[-1],
+            )
+        for name, (value, error) in (("skewness", row.skewness), ("kurtosis", row.kurtosis)):
+            view.add_row(
+                "", f"{name} of h", f"{value:+.3f} ± {error:.3f}", end_section=name == "kurtosis"
             )
     return view

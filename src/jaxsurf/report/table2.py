@@ -5,7 +5,14 @@ from matplotlib.figure import Figure
 
 from jaxsurf.analysis.table2 import Table2, Table2Row
 from jaxsurf.curve import Curve
-from jaxsurf.report.pictures import COLORS, MARKERS, describe_axes, new_figure, plot_curves
+from jaxsurf.report.pictures import (
+    COLORS,
+    MARKERS,
+    STYLE,
+    describe_axes,
+    new_figure,
+    plot_curves,
+)
 
 SHIFT = 0.1  # between the spectra of successive p_plus, as in the paper
 
@@ -61,58 +68,67 @@ def _spectra(table: Table2) -> Figure:
 
 
 def _curvatures(table: Table2) -> Figure:
-    """The second moment on log-log axes and the third, whose sign matters, on linear ones."""
-    figure = new_figure(7.2, 3.4)
+    """The second moment on log-log axes; the third and its ratio, whose signs matter, on linear."""
+    figure = new_figure(10.4, 3.4)
     plot_curves(
         _of(table, "curvature 2"),
         {_name(row): row.entries["alpha C2"].fit for row in table.rows},
-        axes=figure.add_subplot(1, 2, 1),
-        title=f"Second moment of the curvature, L = {table.side}",
+        axes=figure.add_subplot(1, 3, 1),
+        title=f"(a) Second moment of the curvature, L = {table.side}",
     )
-    axes = figure.add_subplot(1, 2, 2)
-    for i, (name, curve) in enumerate(_of(table, "curvature 3").items()):
-        axes.errorbar(
-            curve.scale,
-            curve.mean,
-            curve.stderr,
-            fmt=MARKERS[i % len(MARKERS)],
-            color=COLORS[i % len(COLORS)],
-            markersize=3,
-            elinewidth=0.6,
-            label=name,
-        )
-    axes.axhline(0.0, color="0.6", linewidth=0.8)
-    axes.set_xscale("log")
-    describe_axes(axes, next(iter(_of(table, "curvature 3").values())))
-    axes.set_title("Third moment", fontsize=9)
-    axes.legend(fontsize=7, frameon=False)
+    for place, (name, title) in enumerate(
+        (("curvature 3", "(b) Third moment"), ("curvature skewness", "(c) Skewness"))
+    ):
+        axes = figure.add_subplot(1, 3, 2 + place)
+        for i, (label, curve) in enumerate(_of(table, name).items()):
+            axes.errorbar(
+                curve.scale,
+                curve.mean,
+                curve.stderr,
+                fmt=MARKERS[i % len(MARKERS)],
+                color=COLORS[i % len(COLORS)],
+                elinewidth=0.6,
+                label=label,
+                **STYLE,
+            )
+        axes.axhline(0.0, color="0.6", linewidth=0.8)
+        axes.set_xscale("log")
+        describe_axes(axes, next(iter(_of(table, name).values())))
+        axes.set_title(title, fontsize=9)
+        axes.legend(fontsize=7, frameon=False)
     return figure
 
 
 def _collapses(table: Table2) -> Figure:
-    """P_>(s) of all sizes on one curve, a panel a p_plus, like the paper's Fig. 9."""
-    figure = new_figure(2.5 * len(table.rows) + 0.5, 2.9)
+    """<s>(R) and P_>(s) of all sizes on one curve each, a column a p_plus, like Figs. 8 and 9."""
+    figure = new_figure(2.6 * len(table.rows) + 0.6, 5.2)
+    labels = (
+        (r"$R / L$", r"$R^{-D_f} \langle s \rangle$"),
+        (r"$s / L^{D_f}$", r"$s^{\tau - 2} P_>(s)$"),
+    )
     for number, row in enumerate(table.rows):
-        axes = figure.add_subplot(1, len(table.rows), number + 1)
         details = row.entries["tau-2 FSS"].fit.details
-        for i, (size, points) in enumerate(details["collapsed"][0].items()):
-            axes.errorbar(
-                points["X"],
-                points["Y"],
-                points["error"],
-                fmt=MARKERS[i % len(MARKERS)],
-                color=COLORS[i % len(COLORS)],
-                markersize=3,
-                elinewidth=0.6,
-                label=f"L = {size:g}",
-            )
-        master = details["master"][0]
-        axes.plot(master["X"], np.asarray(master["Y"]), "-", color="0.3", linewidth=0.8)
-        axes.set_xscale("log")
-        axes.set_yscale("log")
-        axes.set_xlabel(r"$s / L^{D_f}$")
-        axes.set_ylabel(r"$s^{\tau - 2} P_>(s)$")
-        axes.set_title(_name(row), fontsize=9)
-        axes.tick_params(labelsize=8, which="both", direction="in", top=True, right=True)
+        for measure, (across, up) in enumerate(labels):
+            axes = figure.add_subplot(2, len(table.rows), measure * len(table.rows) + number + 1)
+            for i, (size, points) in enumerate(details["collapsed"][measure].items()):
+                axes.errorbar(
+                    points["X"],
+                    points["Y"],
+                    points["error"],
+                    fmt=MARKERS[i % len(MARKERS)],
+                    color=COLORS[i % len(COLORS)],
+                    elinewidth=0.6,
+                    label=f"L = {size:g}",
+                    **STYLE,
+                )
+            master = details["master"][measure]
+            axes.plot(master["X"], np.asarray(master["Y"]), "-", color="0.3", linewidth=0.8)
+            axes.set_xscale("log")
+            axes.set_yscale("log")
+            axes.set_xlabel(across)
+            axes.set_ylabel(up)
+            axes.tick_params(labelsize=8, which="both", direction="in", top=True, right=True)
+            if measure == 0:
+                axes.set_title(_name(row), fontsize=9)
     figure.axes[0].legend(fontsize=7, frameon=False)
     return figure

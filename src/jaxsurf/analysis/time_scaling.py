@@ -7,11 +7,17 @@ of it is in one statement,
 $$S(q, t) = q^{-2(1+\alpha)} f(q\, t^{1/z}),$$
 
 so the collapse of the spectra of all times gives alpha and z together, and beta from them. The
-width gives beta by itself, and the knee of each spectrum gives $\xi(t)$ by itself. Beyond $\xi(t)$
-heights are independent, and contour loops there are hulls of percolation clusters.
+knee of each spectrum gives $\xi(t)$ by itself, and the width gives beta by itself. On a lattice it
+holds an intrinsic part of the smallest scales, $w^2 = w_i^2 + A t^{2\beta}$, which hides the power
+for decades; in the increment
+
+$$w^2(2t) - w^2(t) = A (2^{2\beta} - 1)\, t^{2\beta}$$
+
+it cancels exactly, so beta is fitted to that. Beyond $\xi(t)$ heights are independent, and contour
+loops there are hulls of percolation clusters.
 
 Source: the paper's Sec. IV F, Eqs. (dynamical), (hcross), (scross); F. Family and T. Vicsek, J.
-Phys. A 18, L75 (1985).
+Phys. A 18, L75 (1985); J. Kertesz and D. E. Wolf, J. Phys. A 21, 747 (1988), on intrinsic width.
 """
 
 from collections.abc import Callable, Sequence
@@ -33,6 +39,7 @@ from jaxsurf.measures.fourier import power_spectrum
 Times = Sequence[float | int] | Num[np.ndarray, " time"]
 
 LARGEST_Q = 0.8  # beyond, the lattice bends the spectrum
+DITHER = 0.5  # of whole-numbered heights before their loops are traced, in steps
 
 
 @dataclass(frozen=True)
@@ -42,14 +49,16 @@ class TimeScaling:
     Attributes:
         times: of the snapshots.
         width: w^2 over time, one row a surface.
+        increments: of w^2 from t to `ratio` t, one row a surface.
         spectra: time -> S(q), one row a surface.
-        beta: power law of `width`; its "exponent" is 2 beta.
+        beta: power law of `increments`; its "exponent" is 2 beta.
         collapse: of the spectra, with "alpha" and "z".
         knees: time -> crossover fit of its spectrum, with "xi".
     """
 
     times: tuple[float, ...]
     width: Curve
+    increments: Curve
     spectra: dict[float, Curve]
     beta: Fit
     collapse: Fit
@@ -57,7 +66,7 @@ class TimeScaling:
 
     @property
     def exponents(self) -> dict[str, tuple[float, float, float]]:
-        """alpha, z and beta = alpha/z of the collapse, and beta of the width.
+        """alpha, z and beta = alpha/z of the collapse, and beta of the width's increments.
 
         Each with its statistical and systematic error; those of alpha/z follow from the two
         exponents', the statistical with their covariance.
@@ -124,8 +133,7 @@ def width_increments(width: Curve, ratio: float | int = 2.0) -> Curve:
     Raises:
         ValueError: a ratio not above 1, or without any two times that far apart.
 
-    Source: M. Plischke, Z. Racz and D. Liu, Phys. Rev. B 35, 3485 (1987), on the intrinsic width;
-    here by differences of one course of growth.
+    Source: J. Kertesz and D. E. Wolf, J. Phys. A 21, 747 (1988), on the intrinsic width.
 
     >>> times = np.array([1.0, 2.0, 4.0, 8.0])
     >>> width = Curve("width", times, np.array([0.7]) + 0.1 * times[None] ** 0.5)
@@ -154,18 +162,20 @@ def scale_in_time(
     *,
     window: tuple[float, float] | None = None,
     largest_q: float = LARGEST_Q,
+    ratio: float | int = 2.0,
     draws: int = 100,
     progress: Callable[[float, str], None] | None = None,
 ) -> TimeScaling:
     r"""Exponents of growth from snapshots of many surfaces out of a flat start.
 
-    $$S(q, t) = q^{-2(1 + \alpha)} f(q\, t^{1/z}), \qquad w^2 \sim t^{2\beta}$$
+    $$S(q, t) = q^{-2(1 + \alpha)} f(q\, t^{1/z}), \qquad w^2(\rho t) - w^2(t) \sim t^{2\beta}$$
 
     Arguments:
         heights: periodic maps, from `grow_single_step(..., snapshots=times)` or `grow_linear`.
         times: of the snapshots, ascending, best by factors of 2.
         window: the times that the fits look at; None for all.
         largest_q: the largest wave number of the collapse, in 1/sites.
+        ratio: rho of the increments, see `width_increments`.
         draws: of the bootstraps over surfaces.
         progress: called with the share of the work done, 0 to 1, and what comes next.
 
@@ -173,8 +183,9 @@ def scale_in_time(
         The exponents and all curves.
 
     Raises:
-        ValueError: fewer than 4 times in the window or than 3 surfaces, times that are not
-            ascending and positive, heights that do not fit them.
+        ValueError: fewer than 5 times in the window, or 4 pairs of them in the given ratio; fewer
+            than 3 surfaces; times that are not ascending and positive, heights that do not fit
+            them.
 
     Source: the paper's Eqs. (dynamical), (hcross).
     """
@@ -182,16 +193,20 @@ def scale_in_time(
     maps, moments = _checked(heights, times)
     low, high = window or (moments[0], moments[-1])
     inside = (moments >= low) & (moments <= high)
-    if inside.sum() < 4:
-        raise ValueError(
-            f"at least 4 times must lie in the window; got {moments[inside].tolist()} in "
-            f"{(float(low), float(high))}. Take snapshots at 1, 2, 4, 8, ..."
-        )
     report(0.0, "width and spectra")
     width = width_in_time(maps, moments)
+    increments = width_increments(width, ratio)
+    latest = float(high) / float(ratio)
+    pairs = (increments.scale >= low) & (increments.scale <= latest)
+    if inside.sum() < 5 or pairs.sum() < 4:
+        raise ValueError(
+            f"at least 5 times must lie in the window, with 4 pairs in the ratio {ratio:g}; got "
+            f"{moments[inside].tolist()} in {(float(low), float(high))}. Take snapshots at 1, 2, "
+            "4, 8, 16, ..., or pass their ratio."
+        )
     spectra = {float(t): _in_float64(power_spectrum(h)) for t, h in zip(moments, maps, strict=True)}
     chosen = {t: spectra[t] for t in moments[inside].tolist()}
-    beta = fit_power_law(width, window=(float(low), float(high)), draws=draws)
+    beta = fit_power_law(increments, window=(float(low), latest), draws=draws)
     report(0.1, "collapse")
     collapse = fit_collapse(chosen, versus="time", window=(0.0, float(largest_q)), draws=draws)
     knees = {}
@@ -201,7 +216,7 @@ def scale_in_time(
         limits = {"spectrum": (0.0, float(largest_q))}
         knees[time] = fit_crossover(spectrum, windows=limits, start=start, draws=draws)
     report(1.0, "done")
-    return TimeScaling(tuple(moments.tolist()), width, spectra, beta, collapse, knees)
+    return TimeScaling(tuple(moments.tolist()), width, increments, spectra, beta, collapse, knees)
 
 
 def loops_in_time(
@@ -217,6 +232,12 @@ def loops_in_time(
     \infty$$
 
     and likewise for $P_>(s)$, which turns to $s^{-4/7}$, and $G(r)$, which turns to $r^{-5/4}$.
+
+    Percolation's exponents are those of an average over levels, a few of which are near the
+    percolating one. Soon after a flat start whole-numbered heights have a handful of levels only,
+    all the same on every surface, and maybe none near it. They are therefore dithered with noise
+    of half a step, more than elsewhere: independent from site to site, it changes no loop beyond
+    the smallest.
 
     Arguments:
         heights: periodic maps, from `grow_single_step(..., snapshots=times)` or `grow_linear`.
@@ -237,13 +258,14 @@ def loops_in_time(
     generator = np.random.default_rng(rng)
     curves = {}
     for time, surfaces in zip(moments.tolist(), maps, strict=True):
-        # whole-numbered heights stay so, for the tracer to see that they need dithering
-        whole = surfaces.astype(int) if np.asarray(heights).dtype.kind in "iu" else surfaces
-        loops = trace_loops(whole, points, rng=generator, correlation=True)
+        if np.asarray(heights).dtype.kind in "iu":
+            noise = generator.standard_normal(surfaces.shape, np.float32)
+            surfaces = surfaces + np.float32(DITHER) * noise
+        loops = trace_loops(surfaces, points, rng=generator, correlation=True)
         curves[time] = {
             "mean_length": loops.mean_length(),
-            "length_tail": loops.length_tail(),
-            "loop_correlation": loops.correlation(),
+            "length_tail": loops.length_tail(share="all"),
+            "loop_correlation": loops.correlation(share="all"),
         }
     return curves
 

@@ -39,6 +39,7 @@ def _exits() -> np.ndarray:
 
 
 _EXITS = _exits()
+_MAY_BE_FIRST = np.isin(np.arange(16), (7, 8, *SADDLES))  # that contours turn around far corners
 
 
 @dataclass(frozen=True)
@@ -89,7 +90,8 @@ def contour(heights: np.ndarray, which: np.ndarray, levels: np.ndarray) -> Conto
     ring[:, 0], ring[:, -1] = ring[:, side_x], ring[:, 1]
     ring[:, :, 0], ring[:, :, -1] = ring[:, :, side_y], ring[:, :, 1]
 
-    cell, codes, is_saddle = (np.repeat(each, strands) for each in (cell, codes, is_saddle))
+    which_cell = np.repeat(np.arange(len(cell)), strands)
+    cell, codes, is_saddle = (each.take(which_cell) for each in (cell, codes, is_saddle))
     leave = _EXITS.take(codes)
     first = number[saddle]
     _resolve_saddles(heights, which, levels, padded, cell[first], codes[first], first, leave)
@@ -97,7 +99,7 @@ def contour(heights: np.ndarray, which: np.ndarray, levels: np.ndarray) -> Conto
     successor = node.take(cell + move.take(leave), mode="clip")
     successor += is_saddle[successor] & (leave >= 2)
 
-    order, start = _cycles(successor, _possible_firsts(cell, codes, is_saddle, padded))
+    order, start = _cycles(successor, _possible_firsts(cell, codes, padded))
     leave = leave.take(order)
     step_x = STEP_X.astype(np.int32).take(leave)
     step_y = STEP_Y.astype(np.int32).take(leave)
@@ -118,12 +120,14 @@ def _crossed(
     above[:, -1], above[:, :, -1] = above[:, 0], above[:, :, 0]
     low = np.packbits(above[:, :, :-1], axis=-1, bitorder="little")  # corners (i, j)
     high = low >> 1  # corners (i, j+1)
-    high[..., :-1] |= low[..., 1:] << 7
-    high[..., -1] |= (low[..., 0] & 1) << ((side_y - 1) % 8)
+    last = high[..., -1] | ((low[..., 0] & 1) << ((side_y - 1) % 8))
+    high.reshape(-1)[:-1] |= low.reshape(-1)[1:] << 7
+    high[..., -1] = last
     every, some = low & high, low | high
     mixed = (some[:, :-1] | some[:, 1:]) ^ (every[:, :-1] & every[:, 1:])
-    byte = np.flatnonzero(mixed)
-    bit = np.flatnonzero(np.unpackbits(mixed.reshape(-1)[byte].astype(np.uint8), bitorder="little"))
+    byte = np.flatnonzero(mixed != 0)  # of booleans, the fast way
+    bits = np.unpackbits(mixed.reshape(-1)[byte], bitorder="little")
+    bit = np.flatnonzero(bits.view(bool))
     row, column = np.divmod(byte, mixed.shape[2])
     board = row // side_x
     within = (bit >> 3, bit & 7)
@@ -163,12 +167,12 @@ def _resolve_saddles(
     leave[first + 1] = (enter + 2 + turn) % 4
 
 
-def _possible_firsts(
-    cell: np.ndarray, codes: np.ndarray, is_saddle: np.ndarray, padded: tuple[int, ...]
-) -> np.ndarray:
+def _possible_firsts(cell: np.ndarray, codes: np.ndarray, padded: tuple[int, ...]) -> np.ndarray:
     """Nodes among which each loop has its first, in the order of nodes."""
-    x, y = np.divmod(cell % (padded[0] * padded[1]), padded[1])
-    return np.flatnonzero((codes == 8) | (codes == 7) | is_saddle | (x == 1) | (y == 1))
+    row = cell // padded[1]  # divisions by one number are fast, remainders are not
+    edge = cell - row * padded[1] == 1
+    edge |= row - row // padded[0] * padded[0] == 1
+    return np.flatnonzero(_MAY_BE_FIRST.take(codes) | edge)
 
 
 def _cycles(successor: np.ndarray, firsts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

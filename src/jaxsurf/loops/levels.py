@@ -304,8 +304,7 @@ def _extent(at: np.ndarray, first: np.ndarray) -> np.ndarray:
 
 def _sums(values: np.ndarray, start: np.ndarray) -> np.ndarray:
     """The sum of integers over each loop."""
-    total = np.concatenate([[0], np.cumsum(values, dtype=np.int64)])
-    return (total[start[1:]] - total[start[:-1]]).astype(np.float64)
+    return np.add.reduceat(values, start[:-1], dtype=np.int64).astype(np.float64)
 
 
 def _means(values: np.ndarray, start: np.ndarray) -> np.ndarray:

@@ -225,7 +225,8 @@ def _closed_off(
 
 def _check_finite(heights: np.ndarray, valid: np.ndarray | None, first: int) -> None:
     if valid is None:  # NaN is its own maximum
-        top, bottom = heights.max((1, 2)), heights.min((1, 2))
+        sites = heights.reshape(len(heights), -1)
+        top, bottom = sites.max(1), sites.min(1)
         finite, flat = bool(np.all(np.isfinite(top) & np.isfinite(bottom))), top == bottom
     else:
         finite = bool(np.all(np.isfinite(heights), where=valid))

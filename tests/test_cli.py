@@ -75,6 +75,18 @@ def test_table1_with_finite_size_scaling(tmp_path, capsys):
     assert {"fss.csv", "fss.json", "fss_curves.npz"} <= {path.name for path in output.iterdir()}
 
 
+def test_table1_collapses_its_own_curves(tmp_path, capsys):
+    output = tmp_path / "out"
+    words = ["table1", "--sizes", 64, 128, 256, "--alphas", 0.4, "--surfaces", 12]
+    assert run(*words, "--points", 300, "--fss-same", "--output", output) == 0
+    printed = capsys.readouterr().out
+    assert "Table I, FSS: L = 64 to 256" in printed
+    content = json.loads((output / "fss.json").read_text())
+    assert content["settings"] is None  # nothing was simulated beyond the direct table
+    assert content["rows"][0]["exponents"]["D_f"]["paper"] == [1.32, 0.03]
+    assert (output / "exponents_against_size.png").read_bytes()[:4] == b"\x89PNG"
+
+
 def test_crossover_prints_the_knees_and_draws_the_panels(tmp_path, capsys):
     output = tmp_path / "out"
     words = ["crossover", "--side", 128, "--cutoff", 8, "--surfaces", 6, "--points", 100]

@@ -9,8 +9,10 @@ from jaxsurf.analysis.finite_size import (
     COLUMNS,
     KINDS,
     FiniteSizeSettings,
+    collapse_table1,
     reproduce_finite_size,
 )
+from jaxsurf.analysis.table1 import Table1Settings, reproduce_table1
 from jaxsurf.report.collapse import finite_size_figures
 
 SMALL = FiniteSizeSettings(
@@ -44,6 +46,15 @@ def test_small_maps_end_to_end(small):
         assert [step.sizes for step in row.steps[name]] == [(64, 128), (128, 256)]
         last = row.steps[name][-1]
         assert abs(last.value - row.theory[name]) < 0.1 + 4 * last.error  # as above
+    closes = row.relations()
+    fractal, tail, twice = row.value("D_f"), row.value("tau-2"), row.value("2x_l")
+    (first, first_error), (second, second_error) = closes.values()
+    assert first == pytest.approx(fractal * (1 + tail) - 1.6)
+    assert second == pytest.approx(fractal * (1 - tail) - 2 + twice)
+    # relations that hold for any x_l; maps this small are off by a tenth at most
+    assert abs(first) < 0.1 + 4 * first_error
+    assert abs(second) < 0.1 + 4 * second_error
+    assert 0 < first_error < 0.5
     record = small.to_rows()[0]
     assert record["tau-2 theory"] == pytest.approx(0.6 / 2.6)
     json.dumps(small.to_dict())
@@ -59,6 +70,12 @@ def test_pictures_of_the_collapse(small):
         before, after = figure.axes
         assert len(before.get_lines()) == 3
         assert len(after.get_lines()) == 4  # three sizes and the master curve
+
+
+def test_too_few_sizes_of_a_table_are_refused():
+    table = reproduce_table1(Table1Settings(alphas=(0.4,), sizes=(64, 128), surfaces=3, points=20))
+    with pytest.raises(ValueError, match=r"three sizes or more; got \(64, 128\)"):
+        collapse_table1(table)
 
 
 def test_how_many_surfaces_a_size_gets():

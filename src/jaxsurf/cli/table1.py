@@ -23,6 +23,7 @@ def table1(
     fss: Annotated[bool, Parameter(negative=())] = False,
     fss_sizes: Annotated[list[int] | None, Parameter(consume_multiple=True)] = None,
     fss_sites: int | None = None,
+    fss_same: Annotated[bool, Parameter(negative=())] = False,
     output: Path = Path("table1"),
 ) -> None:
     """Reproduce the paper's Table I: direct exponents, on request finite-size scaling, and theory.
@@ -41,11 +42,14 @@ def table1(
     seed:
         Of every random number: the same seed, the same table.
     fss:
-        Also the FSS columns, from collapses of whole level sets of several sizes: some minutes.
+        Also the FSS columns, from collapses of whole level sets of several sizes: half an hour.
     fss_sizes:
         Their sizes. Default: 64 128 256 512 1024 2048.
     fss_sites:
-        Sites of all maps of one size together. Default: 33554432.
+        Sites of all maps of one size together. Default: 67108864.
+    fss_same:
+        The FSS columns from the curves of the direct table instead: the paper's sizes and
+        statistics, a minute.
     output:
         Folder for the table (CSV, JSON), the curves (NPZ) and the pictures (PNG).
     """
@@ -81,12 +85,19 @@ def table1(
         f"tables and pictures are in [bold]{output}[/].",
         highlight=False,
     )
-    if fss or fss_sizes or fss_sites:
-        _finite_size(settings, fss_sizes, fss_sites, output)
+    if fss or fss_sizes or fss_sites or fss_same:
+        _finite_size(None if not fss_same else table, settings, fss_sizes, fss_sites, output)
 
 
-def _finite_size(settings: Any, sizes: list[int] | None, sites: int | None, output: Path) -> None:
-    from jaxsurf.analysis.finite_size import FiniteSizeSettings, reproduce_finite_size
+def _finite_size(
+    table1: Any, settings: Any, sizes: list[int] | None, sites: int | None, output: Path
+) -> None:
+    from jaxsurf.analysis.finite_size import (
+        FiniteSizeSettings,
+        collapse_table1,
+        reproduce_finite_size,
+    )
+    from jaxsurf.analysis.table1 import name_of
     from jaxsurf.report.collapse import finite_size_figures
 
     given = {
@@ -98,8 +109,10 @@ def _finite_size(settings: Any, sizes: list[int] | None, sites: int | None, outp
     table, seconds = reproduce(
         "fss",
         "Table I, FSS",
-        reproduce_finite_size,
-        FiniteSizeSettings(**{name: v for name, v in given.items() if v is not None}),
+        reproduce_finite_size if table1 is None else collapse_table1,
+        FiniteSizeSettings(**{name: v for name, v in given.items() if v is not None})
+        if table1 is None
+        else table1,
         finite_size_figures,
         lambda table: {
             f"alpha={alpha:g}/L={side}/{kind}": curve
@@ -109,12 +122,22 @@ def _finite_size(settings: Any, sizes: list[int] | None, sites: int | None, outp
         },
         output,
     )
-    title = f"Table I, FSS: L = {min(table.settings.sizes)} to {max(table.settings.sizes)}"
+    sides = sorted(table.curves[table.rows[0].alpha]["mean_length"])
+    title = f"Table I, FSS: L = {sides[0]} to {sides[-1]}"
     console.print(_view(table.rows, title, "theory"))
+    relations = Table(title="Scaling relations, left less right", box=box.SIMPLE_HEAD)
+    relations.add_column("surface", no_wrap=True)
+    for name in ("D_f(τ−1) = 2−α", "D_f(3−τ) = 2−2xₗ"):
+        relations.add_column(name, justify="right", no_wrap=True)
+    for row in table.rows:
+        closes = [f"{value:+.3f} ± {error:.3f}" for value, error in row.relations().values()]
+        relations.add_row(name_of(row.alpha), *closes)
+    console.print(relations)
     nearer = [row.nearer(name) for row in table.rows for name in SYMBOLS]
     console.print(
         "Errors are statistical ± systematic (sizes, scales); the last column is the distance "
-        f"from theory. {nearer.count(True)} of {len(nearer) - nearer.count(None)} values are "
+        "from theory, which takes 2xₗ = 1 for granted; the scaling relations do not. "
+        f"{nearer.count(True)} of {len(nearer) - nearer.count(None)} values are "
         f"nearer to theory than the paper's. {seconds:.0f} s.",
         highlight=False,
     )

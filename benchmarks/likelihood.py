@@ -2,7 +2,7 @@
 
     python benchmarks/likelihood.py periodic [--sides 64 128 512] [--surfaces 400]
     python benchmarks/likelihood.py all-unknown [--sides 256]
-    python benchmarks/likelihood.py open [--sides 64] [--mask discs] [--alpha 0.5]
+    python benchmarks/likelihood.py open [--sides 64] [--masks discs] [--alphas 0.2 0.4 0.8]
     python benchmarks/likelihood.py time
 
 Each prints, for every parameter: the mean, its bias in standard errors, the root mean square error,
@@ -14,6 +14,7 @@ the mean quoted error, and how often the 68 % and 95 % intervals hold the truth.
 import argparse
 import time
 from collections import Counter
+from itertools import product
 
 import jax
 import numpy as np
@@ -49,7 +50,10 @@ def report(fits, truth):
 
 def against_bound(values, exact, sites, label):
     rmse = np.sqrt(np.mean((np.asarray(values) - exact) ** 2))
-    print(f"  {label}: rmse / (1.383 / sqrt(sites)) = {rmse * np.sqrt(sites) / BOUND:.3f}")
+    print(
+        f"  {label}: rmse {rmse:.4f} = {rmse * np.sqrt(sites) / BOUND:.3f} x 1.383 / sqrt(sites)",
+        flush=True,
+    )
 
 
 def straight_line(heights, **how):
@@ -92,7 +96,7 @@ def all_unknown(sides, surfaces, alpha):
 
 
 def masked(side, kind):
-    """10 % of the sites hidden: discs of radius L/16, or sites at random."""
+    """10 % of the sites hidden: "discs" of radius L/16, "scattered" sites; or "none"."""
     rng, mask = np.random.default_rng(0), np.ones((side, side), bool)
     if kind == "scattered":
         return rng.uniform(size=mask.shape) > 0.1
@@ -103,24 +107,33 @@ def masked(side, kind):
     return mask
 
 
-def open_maps(sides, surfaces, alpha, kind):
-    for side in sides:
+def open_maps(sides, surfaces, alphas, kinds):
+    for side, alpha, kind in product(sides, alphas, kinds):
         cutoff = 0.96 * side / 8
         law, mask = js.SelfAffine(alpha, 2.0, cutoff=cutoff), masked(side, kind)
-        guess, fits, lines = js.SelfAffine(0.5, 1.0, cutoff=side / 6), [], []
+        x, y = np.mgrid[:side, :side]
+        guess = js.SelfAffine(0.5, 1.0, cutoff=side / 6)
+        known = js.SelfAffine(0.5, 1.0, cutoff=cutoff)
+        how, free, given, lines = {"boundary": "open", "mask": mask}, [], [], []
         for heights in drawn(law, side, surfaces, seed=side, crop=4):
-            fits += js.fit_likelihood(heights, guess, boundary="open", mask=mask, each=True)
-            lines += straight_line(heights, boundary="open", mask=mask)
-        print(f"open, L = {side}, {surfaces} crops, alpha = {alpha}, cutoff {cutoff:.2f}, {kind}")
-        report(fits, {"alpha": alpha, "amplitude": 2.0, "cutoff": cutoff})
-        against_bound(
-            [fit.values["alpha"] for fit in fits], alpha, side**2, "likelihood, L^2 sites"
-        )
+            tilted = heights + 0.3 * x - 0.2 * y
+            free += js.fit_likelihood(tilted, guess, each=True, **how)
+            given += js.fit_likelihood(tilted, known, fixed=("cutoff",), each=True, **how)
+            lines += straight_line(tilted, **how)
         valid = int(mask.sum())
-        against_bound(
-            [fit.values["alpha"] for fit in fits], alpha, valid, "likelihood, valid sites"
+        print(
+            f"open, L = {side}, {surfaces} tilted crops, {kind}, {valid} valid sites of "
+            f"{side**2}; alpha = {alpha}, cutoff {cutoff:.2f}"
         )
-        against_bound(lines, alpha, side**2, "straight line (control)")
+        report(free, {"alpha": alpha, "amplitude": 2.0, "cutoff": cutoff})
+        print("  the cutoff known")
+        report(given, {"alpha": alpha, "amplitude": 2.0})
+        chi2 = np.array([[fit.chi2, fit.dof] for fit in given]).mean(0)
+        print(f"  mean chi2 of the residual spectrum {chi2[0]:.1f} / {chi2[1]:.0f}")
+        for fits, label in ((free, "cutoff unknown"), (given, "cutoff known")):
+            values = [fit.values["alpha"] for fit in fits]
+            against_bound(values, alpha, valid, f"likelihood, {label}")
+        against_bound(lines, alpha, valid, "straight line (control)")
 
 
 def timing():
@@ -148,14 +161,15 @@ def main():
     parser.add_argument("--sides", type=int, nargs="+")
     parser.add_argument("--surfaces", type=int, default=400)
     parser.add_argument("--alpha", type=float, default=0.5)
-    parser.add_argument("--mask", choices=["discs", "scattered", "none"], default="discs")
+    parser.add_argument("--alphas", type=float, nargs="+", default=[0.4])
+    parser.add_argument("--masks", nargs="+", default=["discs"])
     a = parser.parse_args()
     if a.what == "periodic":
         periodic(a.sides or [64, 128, 512], a.surfaces, a.alpha)
     elif a.what == "all-unknown":
         all_unknown(a.sides or [256], a.surfaces, a.alpha)
     elif a.what == "open":
-        open_maps(a.sides or [64], a.surfaces, a.alpha, a.mask)
+        open_maps(a.sides or [64], a.surfaces, a.alphas, a.masks)
     else:
         timing()
 

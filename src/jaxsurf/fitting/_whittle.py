@@ -35,8 +35,7 @@ from jaxsurf.laws import Law
 NOISE = "noise_floor"
 KINKED = "cutoff"
 EVALUATIONS = 100  # of the likelihood at most; a fit takes about seven
-CLOSE = 1e-3  # standard errors from the maximum at which the walk ends
-SHORTEST = 1e-4  # of a full step, below which there is no way down
+CLOSE = 3e-3  # standard errors: the walk ends where its next step would be shorter
 SCAN = np.linspace(-4.0, 4.0, 65)  # standard errors over which a cutoff is stepped
 
 
@@ -138,7 +137,7 @@ class Minimum(eqx.Module):
         fisher: the curvature expected there.
         covariance: of the parameters, whether from the curvature alone or not.
         deviance: the negative log likelihood there, without constants.
-        distance: standard errors that one more step would go.
+        distance: standard errors that one more step would go, halved if it went up before.
     """
 
     parameters: Float[Array | np.ndarray, "*map parameter"]
@@ -162,7 +161,7 @@ def minimise(
 ) -> Minimum:
     """Maximise the likelihood of each map, compiled once for all maps of a shape."""
     half = 0.5 * jnp.asarray(multiplicity)
-    kinks = np.array([observer.has_kinks and name == KINKED for name in model.free])
+    kinks = np.array([name == KINKED for name in model.free])
 
     def one(arguments: tuple[Array, Array]) -> Minimum:
         measured, begin = arguments
@@ -182,8 +181,10 @@ def minimise(
             return _walk(at, jnp.clip(point, low, high), jnp.asarray(held), low, high)
 
         point, here, distance = walk(begin, np.zeros(len(kinks), bool))
-        if kinks.any():
+        if kinks.any() and observer.has_kinks:
             return _through_kinks(walk, point, here, kinks, low, high)
+        if kinks.any():  # a small one may have stopped the walk: finish for the others
+            point, here, distance = walk(point, kinks)
         inverse = _inverse(here.fisher)
         variance = observer.gradient_variance(lambda q: model.density(point, q), here, maps)
         return _minimum(point, here, inverse @ variance @ inverse, distance)
@@ -220,8 +221,7 @@ def _through_kinks(
     covariance = jnp.einsum("s,sk,sl->kl", weights, off, off)
     within = jnp.einsum("s,skl->kl", weights, covariances)
     covariance = covariance.at[np.ix_(others, others)].add(within)
-    point, here, _ = walk(points[jnp.argmin(deviances)], np.zeros(len(kinks), bool))
-    _, distance = _step(here, point, jnp.asarray(kinks), low, high)
+    point, here, distance = walk(points[jnp.argmin(deviances)], np.zeros(len(kinks), bool))
     return _minimum(point, here, covariance, distance)
 
 
@@ -248,7 +248,7 @@ def _walk(at: Any, point: Array, held: Array, low: Any, high: Any) -> tuple[Arra
 
     def going(state: tuple) -> Array:
         _, _, _, distance, share, count = state
-        return (distance > CLOSE) & (share > SHORTEST) & (count < EVALUATIONS)
+        return (distance * share > CLOSE) & (count < EVALUATIONS)
 
     def once(state: tuple) -> tuple:
         point, here, step, distance, share, count = state
@@ -264,5 +264,5 @@ def _walk(at: Any, point: Array, held: Array, low: Any, high: Any) -> tuple[Arra
 
     nowhere = jax.tree.map(lambda x: jnp.full(x.shape, jnp.inf), jax.eval_shape(at, point))
     begin = (jnp.zeros_like(point), jnp.inf, 1.0, 0)  # no step yet: the first trial is the start
-    point, here, _, distance, _, _ = jax.lax.while_loop(going, once, (point, nowhere, *begin))
-    return point, here, distance
+    point, here, _, distance, share, _ = jax.lax.while_loop(going, once, (point, nowhere, *begin))
+    return point, here, distance * share

@@ -173,6 +173,25 @@ def test_curves_that_do_not_overlap_are_not_a_collapse():
     assert "do not overlap" in fit.status
 
 
+def test_an_exponent_that_the_data_leave_open_is_said_to_be():
+    two = loop_tails(1, sizes=(64, 128))
+    fit = fit_collapse(two, correction="size", draws=20)
+    # a factor of each size's own takes the place of any tau
+    assert "undetermined: other values of tau_minus_2 fit as well" in fit.status
+    assert fit.stderr["tau_minus_2"] == np.inf
+    assert 0 < fit.stderr["D_f"] < 0.2  # the shift along s is still seen
+    assert fit_collapse(two, draws=20).converged  # the control
+
+
+def test_draws_of_one_or_two_surfaces_do_not_break_the_errors():
+    curves = {side: curve.resample([0, 1, 2]) for side, curve in loop_tails(4).items()}
+    # of three surfaces, 7 draws in 9 hold fewer than three different ones
+    fit = fit_collapse(curves, draws=60)
+    assert fit.converged
+    assert fit.details["draws_failed"] == 0
+    assert all(0 < error < np.inf for error in fit.stderr.values())
+
+
 def test_quality_is_one_for_right_errors_and_grows_with_wrong_exponents():
     rng = np.random.default_rng(5)
     X = np.tile(np.linspace(0, 3, 40), 5)

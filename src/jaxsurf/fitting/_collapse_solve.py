@@ -24,6 +24,8 @@ from jaxsurf.fitting.collapse_forms import Transform
 PADDING = 64
 #: The solver stops when exponents move by less; thousands of times below their errors.
 TOLERANCE, STEPS = 1e-6, 100
+#: A parameter is part of a direction that the data leave open if it has this share in it.
+LARGEST_SHARE = 0.3
 CORRECTIONS = ("size", "scale", "both")
 SCALES = {"size": ("size",), "scale": ("scale",), "both": ("size", "scale")}
 
@@ -134,7 +136,24 @@ def profile(problem: CollapseProblem, vector: Any, data: Mapping[str, Any]) -> A
 @float64()
 def covariance(problem: CollapseProblem, vector: Any, data: Mapping[str, Any]) -> np.ndarray:
     """The covariance of the exponents if the whitening is right: the inverse of J^T J."""
-    return np.asarray(_covariance(problem, vector, _padded(data)))
+    slope = np.asarray(_jacobian(problem, vector, _padded(data)))
+    return np.linalg.pinv(slope.T @ slope)
+
+
+@float64()
+def undetermined(
+    problem: CollapseProblem, vector: np.ndarray, data: Mapping[str, Any]
+) -> Bool[np.ndarray, " parameter"]:
+    """Which parameters may change by themselves, or by one, without a change in chi2 of one.
+
+    Such a parameter stays where it started, in every refit, so that neither the solver nor the
+    spread of refits can tell.
+    """
+    size = np.maximum(1.0, np.abs(vector))
+    slope = np.asarray(_jacobian(problem, vector, _padded(data))) * size[None, :]
+    curvature, direction = np.linalg.eigh(slope.T @ slope)
+    loose = curvature < 1.0
+    return (np.abs(direction[:, loose]) > LARGEST_SHARE).any(1)
 
 
 @float64()
@@ -161,9 +180,8 @@ def _profile(problem: CollapseProblem, vector: Any, data: Mapping[str, Any]) -> 
 
 
 @partial(jax.jit, static_argnums=0)
-def _covariance(problem: CollapseProblem, vector: Any, data: Mapping[str, Any]) -> Any:
-    jacobian = jax.jacfwd(lambda v: problem(v, data))(vector)
-    return jnp.linalg.pinv(jacobian.T @ jacobian)
+def _jacobian(problem: CollapseProblem, vector: Any, data: Mapping[str, Any]) -> Any:
+    return jax.jacfwd(lambda v: problem(v, data))(vector)
 
 
 @partial(jax.jit, static_argnums=0)

@@ -120,6 +120,15 @@ def fit_collapse(
     status = _status(found, good, values, best, problem, data)
     if statistical is None:
         statistical = np.full((len(best),) * 2, np.inf)
+    if found.success and (open_ := solver.undetermined(problem, best, data)).any():
+        names = ", ".join(np.array(list(values))[open_])
+        status = (
+            f"undetermined: other values of {names} fit as well, and what is shown is where the "
+            "fit started. Leave out the correction, or add sizes: with a correction for size two "
+            "sizes fix no exponent of y."
+        )
+        statistical[open_, :] = statistical[:, open_] = 0.0
+        statistical[open_, open_] = np.inf
     return Fit(
         model="collapse: " + "; ".join(form.name for form in forms),
         values=dict(zip(values, best.tolist(), strict=True)),

@@ -29,6 +29,7 @@ def table():
         1,
         details={
             "window": (2.0, 16.0),
+            "kinds": ("mean_length", "length_tail"),
             "collapsed": [points, points],
             "master": [master, master],
         },

@@ -256,7 +256,12 @@ def _entries(p_plus: float, curves: dict[int, dict[str, Curve]], draws: int) -> 
     of_spectrum = fit_power_law(directions, window=(0.99 * 2 * np.pi / side, LARGEST_Q))
     of_length = line(largest["mean_length"], windows["mean_length"])
     of_tail = line(largest["length_tail"], windows["length_tail"])
-    of_sizes = [{size: of_size[kind] for size, of_size in curves.items()} for kind in FSS_WINDOWS]
+    of_sizes = []
+    for kind, (low, high) in FSS_WINDOWS.items():
+        # <s>(R) of a size must reach over a factor of 3 in R to say anything
+        sizes = [size for size in curves if high is None or high * size > 3 * low]
+        if len(sizes) > 1:
+            of_sizes.append({size: curves[size][kind] for size in sizes})
     collapse = fit_collapse(of_sizes, window=_fss_window, correction="scale", draws=draws)
     cells: dict[str, tuple[Fit, str, Any]] = {
         "alpha C2": (of_c2, "exponent", lambda slope: (slope / 2, 0.5)),

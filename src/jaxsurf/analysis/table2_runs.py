@@ -163,7 +163,8 @@ def measure(
 def _skewness(second: Curve, third: Curve) -> Curve:
     """<C_b^3>/<C_b^2>^(3/2) of the moments of independent runs."""
     weights = np.asarray(second.weights)
-    ratio = ensemble_ratio(*map(jnp.asarray, (third.samples, second.samples, weights)), 1.5)
+    upper, lower = jnp.asarray(third.samples), jnp.asarray(second.samples)
+    ratio = ensemble_ratio(upper, lower, jnp.asarray(weights), 1.5)
     return Curve(
         "curvature_skewness",
         second.scale,

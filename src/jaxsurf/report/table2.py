@@ -101,15 +101,17 @@ def _curvatures(table: Table2) -> Figure:
 
 def _collapses(table: Table2) -> Figure:
     """<s>(R) and P_>(s) of all sizes on one curve each, a column a p_plus, like Figs. 8 and 9."""
-    figure = new_figure(2.6 * len(table.rows) + 0.6, 5.2)
-    labels = (
-        (r"$R / L$", r"$R^{-D_f} \langle s \rangle$"),
-        (r"$s / L^{D_f}$", r"$s^{\tau - 2} P_>(s)$"),
-    )
+    kinds = table.rows[0].entries["tau-2 FSS"].fit.details["kinds"]
+    figure = new_figure(2.6 * len(table.rows) + 0.6, 2.6 * len(kinds))
+    labels = {
+        "mean_length": (r"$R / L$", r"$R^{-D_f} \langle s \rangle$"),
+        "length_tail": (r"$s / L^{D_f}$", r"$s^{\tau - 2} P_>(s)$"),
+    }
     for number, row in enumerate(table.rows):
         details = row.entries["tau-2 FSS"].fit.details
-        for measure, (across, up) in enumerate(labels):
-            axes = figure.add_subplot(2, len(table.rows), measure * len(table.rows) + number + 1)
+        for measure, (across, up) in enumerate(labels[kind] for kind in kinds):
+            place = measure * len(table.rows) + number + 1
+            axes = figure.add_subplot(len(kinds), len(table.rows), place)
             for i, (size, points) in enumerate(details["collapsed"][measure].items()):
                 axes.errorbar(
                     points["X"],

@@ -126,7 +126,7 @@ def _crossed(
     every, some = low & high, low | high
     mixed = (some[:, :-1] | some[:, 1:]) ^ (every[:, :-1] & every[:, 1:])
     byte = np.flatnonzero(mixed != 0)  # of booleans, the fast way
-    bits = np.unpackbits(mixed.reshape(-1)[byte], bitorder="little")
+    bits = np.unpackbits(mixed.reshape(-1)[byte].view(np.uint8), bitorder="little")
     bit = np.flatnonzero(bits.view(bool))
     row, column = np.divmod(byte, mixed.shape[2])
     board = row // side_x

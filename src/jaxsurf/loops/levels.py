@@ -55,7 +55,7 @@ def level_loops(
     placement: str = "equal",
     rng: np.random.Generator | int = 0,
     boundary: str = "periodic",
-    mask: Bool[Any, "*surface x y"] | None = None,
+    mask: Bool[Any, "*surfaces x y"] | None = None,
     spacing: float | int = 1.0,
     paths: bool = False,
 ) -> Loops:
@@ -109,7 +109,11 @@ def level_loops(
         placed = _given(maps, given) if given is not None else _PLACE[placement](maps, count, seed)
         if given is not None or placement == "quantiles":
             placed = _off_the_heights(maps, placed, seed)
-        parts.append(_batch_loops(maps, placed, boundary, spacing, paths))
+        found = _batch_loops(maps, placed, boundary, spacing, paths)
+        if mask is not None and maps.valid is not None:
+            valid = whole_plaquettes(maps.valid)[:, : maps.shape[0], : maps.shape[1]]
+            found = replace(found, valid=valid)
+        parts.append(found)
     return Loops.join(parts)
 
 

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 
 
 _PER_LOOP = ("length", "radius", "area", "winding", "is_open", "surface", "level", "weight")
+_PER_SURFACE = ("pairs", "level_sets", "plaquettes", "valid")
 
 
 @dataclass(frozen=True, repr=False)
@@ -54,6 +55,7 @@ class Loops:
         vertices: plaquettes passed by each loop, end to end and unwrapped; None if not kept.
         level_sets: of whole level sets, how many of each surface were searched.
         plaquettes: of whole level sets, how many valid plaquettes each surface has.
+        valid: of whole level sets of masked maps, which plaquettes were searched.
     """
 
     length: Int[np.ndarray, " loop"]
@@ -76,6 +78,7 @@ class Loops:
     vertices: Int[np.ndarray, "point 2"] | None = None
     level_sets: Int[np.ndarray, " surface"] | None = None
     plaquettes: Int[np.ndarray, " surface"] | None = None
+    valid: Bool[np.ndarray, "surface x y"] | None = None
 
     @property
     def closed(self) -> Bool[np.ndarray, " loop"]:
@@ -152,7 +155,7 @@ class Loops:
         numbers = [p.surface + start for p, start in zip(parts, offset, strict=True)]
         return replace(
             Loops.together(parts),
-            **{name: _joined(parts, name) for name in ("pairs", "level_sets", "plaquettes")},
+            **{name: _joined(parts, name) for name in _PER_SURFACE},
             surface=np.concatenate(numbers),
             surfaces=sum(p.surfaces for p in parts),
             redrawn=sum(p.redrawn for p in parts),

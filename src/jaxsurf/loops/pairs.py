@@ -13,8 +13,10 @@ loops of different fields have no cross terms at all, and with a field for each 
 exact. It is free of bias at distances below half the map, and what noise is left shows in the
 scatter between surfaces.
 
-Distances are those on the torus. On an open map the field is padded, and pairs are counted against
-those that fit on the map.
+Distances are those on the torus; on an open map the field is padded instead. On open and masked
+maps the pairs are counted against those of a loop's point and any plaquette of the valid region,
+found by one more transform of the region's indicator, so that G(r) is the chance for sites that
+could have been on the loop.
 
 NumPy alone, but for the `Curve` it returns.
 """
@@ -32,6 +34,8 @@ from jaxsurf.loops.statistics import (
     shell_bins,
 )
 
+ROUNDING = 1e-9  # of the transforms, against the weight of all points
+
 
 def all_pairs_correlation(
     loops: Loops,
@@ -41,6 +45,7 @@ def all_pairs_correlation(
     lengths: tuple[float | int, float | int] | None = None,
     per: str | None = None,
     share: str = "closed",
+    pieces: bool = False,
     ratio: float = BIN_RATIO,
 ) -> Curve:
     r"""Chance that a site at distance r of a point of a loop is on that loop, over all pairs.
@@ -65,14 +70,19 @@ def all_pairs_correlation(
         per: what an average counts once, as for `mean_length`.
         share: "closed", of the points on the closed loops that are kept, or "all", of the points on
             any; with `lengths` it is then what those loops contribute to G(r).
+        pieces: with share="all", also count the pairs on winding loops and on pieces that edges or
+            masked sites cut loops into. Closed loops on an open map are the small ones, and their
+            G(r) falls far too fast; with the pieces, only pairs joined by way of the outside are
+            missing, whose share vanishes with r/L.
         ratio: outer over inner edge of a bin.
 
     Returns:
-        A `Curve` over r < L/2, each surface weighted by what G is a share of. Its errors, from
-        the scatter between surfaces, hold the noise of the signs too.
+        A `Curve` over r < L/2, each surface weighted by what G is a share of, and by nothing where
+        a mask leaves no pair at that distance. Its errors, from the scatter between surfaces, hold
+        the noise of the signs too.
 
     Raises:
-        ValueError: paths were not kept, the map has masked sites, no fields.
+        ValueError: paths were not kept, no fields, pieces as a share of the closed loops.
 
     Source: the paper's Eq. (loopcorr), all pairs instead of those with one start.
     """
@@ -84,12 +94,12 @@ def all_pairs_correlation(
         )
     is_open = loops.boundary == "open"
     sides = loops.shape[0] - is_open, loops.shape[1] - is_open
-    if loops.plaquettes is not None and np.any(loops.plaquettes != sides[0] * sides[1]):
+    if pieces and share != "all":
         raise ValueError(
-            "correlation of all pairs needs maps without masked sites; some plaquettes are masked. "
-            "Crop the map, or trace_loops with correlation=True."
+            f"pieces=True needs share='all', of the points on any loop; got share={share!r}. "
+            "Pass share='all', or leave pieces out."
         )
-    kept = loops.closed
+    kept = np.ones(len(loops), bool) if pieces else loops.closed
     if lengths is not None:
         low, high = lengths
         kept &= (loops.length * loops.spacing >= low) & (loops.length * loops.spacing <= high)
@@ -100,7 +110,7 @@ def all_pairs_correlation(
         total = np.bincount(loops.surface, weight * kept, loops.surfaces).astype(float)
     grid = (2 * sides[0], 2 * sides[1]) if is_open else sides
     bins, scale, sites = shell_bins(min(sides) // 2, ratio)
-    samples = np.zeros((loops.surfaces, len(scale)))
+    samples, weights = np.zeros((2, loops.surfaces, len(scale)))
     order = np.argsort(loops.surface, kind="stable")
     bounds = np.searchsorted(loops.surface[order], np.arange(loops.surfaces + 1))
     first = np.cumsum(loops.length) - loops.length
@@ -113,17 +123,19 @@ def all_pairs_correlation(
         label, cell, each = _points_of(loops, here, first, weight, grid)
         field, sign = _dealt(np.random.default_rng(seeds[surface]), loops.length[here], fields)
         pairs = _autocorrelation(cell, np.sqrt(each) * sign[label], field[label], grid)
-        if is_open:
+        fits = total[surface] * sites
+        if is_open or loops.valid is not None:
             _, cell, each = _points_of(loops, every[starting[every]], first, weight, grid)
-            fits = _in_shells(_fitting(cell, each, sides, grid), bins)
-        else:
-            fits = total[surface] * sites
-        samples[surface] = _in_shells(pairs, bins) / fits
+            whole = np.ones(sides) if loops.valid is None else loops.valid[surface]
+            fits = _in_shells(_fitting(cell, each, whole[: sides[0], : sides[1]], grid), bins)
+        possible = fits > ROUNDING * total[surface]
+        samples[surface] = _in_shells(pairs, bins) / np.where(possible, fits, np.inf)
+        weights[surface] = total[surface] * possible
     return Curve(
         "loop_correlation",
         scale * loops.spacing,
         samples,
-        np.broadcast_to(total[:, None], samples.shape).copy(),
+        weights,
         units=("sites" if loops.spacing == 1.0 else "length", "1"),
         details=curve_details(loops, per),
     )
@@ -168,14 +180,13 @@ def _autocorrelation(
 
 
 def _fitting(
-    cell: np.ndarray, weight: np.ndarray, sides: tuple[int, ...], grid: tuple[int, ...]
+    cell: np.ndarray, weight: np.ndarray, valid: np.ndarray, grid: tuple[int, ...]
 ) -> np.ndarray:
-    """The weight of points x for which x + r is on an open map too."""
+    """The weight of points x for which x + r is in the valid region too."""
     points = np.bincount(cell, weight, grid[0] * grid[1]).reshape(grid)
-    whole = np.zeros(grid)
-    whole[: sides[0], : sides[1]] = 1.0
-    both = np.fft.irfft2(np.conj(np.fft.rfft2(points)) * np.fft.rfft2(whole), s=grid)
-    return np.maximum(both, 0.0)
+    region = np.zeros(grid)
+    region[: valid.shape[0], : valid.shape[1]] = valid
+    return np.fft.irfft2(np.conj(np.fft.rfft2(points)) * np.fft.rfft2(region), s=grid)
 
 
 def _in_shells(field: np.ndarray, bins: np.ndarray) -> np.ndarray:

@@ -41,7 +41,7 @@ def trace_loops(
     level: str = "mean",
     correlation: bool = False,
     boundary: str = "periodic",
-    mask: Bool[Any, "*surface x y"] | None = None,
+    mask: Bool[Any, "*surfaces x y"] | None = None,
     spacing: float | int = 1.0,
 ) -> Loops:
     r"""Trace the contour loop through each of many random points of each surface.

@@ -5,11 +5,25 @@ from collections.abc import Mapping
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import ScalarFormatter
 
 from jaxsurf.analysis.finite_size import FiniteSize
 from jaxsurf.curve import Curve
 from jaxsurf.fitting.fit import Fit
 from jaxsurf.report.pictures import COLORS, MARKERS, STYLE, describe_axes, new_figure
+
+#: Curve.kind -> the scaled variables of its preset.
+AXES = {
+    "mean_length": ("$R/L$", r"$\langle s\rangle\, R^{-D_f}$"),
+    "length_tail": ("$s/L^{D_f}$", r"$P_>(s)\, s^{\tau-2}$"),
+    "loop_correlation": ("$r/L$", "$G(r)\\, r^{2x_l}$"),
+    "spectrum": ("$qL$", r"$S(q)\, q^{2+2\alpha}$"),
+    "height_correlation": ("$r/L$", r"$D_2(r)\, r^{-2\alpha}$"),
+    "curvature_moment": ("$b/L$", r"$\langle C_b^2\rangle\, b^{-2\alpha}$"),
+}
+
+
+NAMES = {"D_f": "$D_f$", "tau_minus_2": r"$\tau-2$", "two_x_l": "$2x_l$", "alpha": "α", "z": "$z$"}
 
 
 def finite_size_figures(result: FiniteSize) -> dict[str, Figure]:
@@ -90,15 +104,22 @@ def plot_collapse(
         before.plot(scale[mean > 0], mean[mean > 0], **style)
         points = fit.details["collapsed"][measure].get(float(size))
         if points is not None:
-            after.plot(points["X"], points["Y"], **style)
+            after.errorbar(points["X"], points["Y"], points["error"], elinewidth=0.6, **style)
     master = fit.details["master"][measure]
     after.plot(master["X"], master["Y"], "-", color="0.3", linewidth=0.8)
     describe_axes(before, next(iter(curves.values())))
-    after.set_xlabel("X")
-    after.set_ylabel("Y")
+    kind = next(iter(curves.values())).kind
+    symbols = AXES.get(kind, ("$X$", "$Y$"))
+    after.set_xlabel(symbols[0])
+    after.set_ylabel(symbols[1])
     for axes in (before, after):
         axes.set_xscale("log")
         axes.set_yscale("log")
+    low, high = after.get_ylim()
+    if high < 3 * low:  # within half a decade powers of ten say nothing
+        after.yaxis.set_major_formatter(ScalarFormatter())
+        after.yaxis.set_minor_formatter(ScalarFormatter())
+    after.tick_params(labelsize=8, which="both", direction="in", top=True, right=True)
     before.legend(fontsize=7, frameon=False, title="size", title_fontsize=7)
     _describe_fit(after, fit)
     figure.suptitle(title, fontsize=10)
@@ -106,6 +127,9 @@ def plot_collapse(
 
 
 def _describe_fit(axes: Axes, fit: Fit) -> None:
-    lines = [f"{name} = {fit.values[name]:.3f} ± {fit.total_error(name):.3f}" for name in fit.names]
+    lines = [
+        f"{NAMES.get(name, name)} = {fit.values[name]:.3f} ± {fit.total_error(name):.3f}"
+        for name in fit.names
+    ]
     lines.append(f"S = {fit.details['S']:.2f}")
     axes.text(0.04, 0.04, "\n".join(lines), transform=axes.transAxes, fontsize=7, va="bottom")

@@ -107,14 +107,14 @@ def _level(curve: Curve, size: float, shares: Sequence[float]) -> tuple[float, f
             f"each curve needs two positive points at x/L in {tuple(shares)}; got {inside.sum()} "
             f"for {curve.kind} at L = {size:g}. Widen shares or add surfaces."
         )
-    weight = _averaging(np.log(scale[usable] / size), np.log(shares))
+    weight = _averaging(np.log(scale[usable] / size), *np.log(shares).tolist())
     pull = pulls(curve)[:, usable] / mean[usable] @ weight
     return float(weight @ np.log(mean[usable])), float(np.sqrt((pull**2).sum()))
 
 
 def _averaging(
-    u: Float[np.ndarray, " point"], span: Float[np.ndarray, " two"]
+    u: Float[np.ndarray, " point"], low: float, high: float
 ) -> Float[np.ndarray, " point"]:
-    """Weights w such that w @ y is the mean over the span of y interpolated linearly in u."""
-    at = np.linspace(*span, 400)
+    """Weights w such that w @ y is the mean from low to high of y interpolated linearly in u."""
+    at = np.linspace(low, high, 400)
     return np.stack([np.interp(at, u, hat) for hat in np.eye(len(u))]).mean(1)

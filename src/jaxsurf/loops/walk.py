@@ -128,9 +128,10 @@ def walk(
     offsets = _offsets(board)
     while len(walkers.state):
         path = _take_steps(board, offsets, walkers)
-        x, y = _positions(board, walkers, path)
+        states = np.subtract(path, walkers.base, dtype=np.int32, casting="unsafe")
+        x, y = _positions(board, walkers, states)
         box = _Box.around(x[1:], y[1:])
-        ended, last, winding, is_open = _endings(board, walkers, path, x, y, box)
+        ended, last, winding, is_open = _endings(board, walkers, path, states, box)
         if len(ended):
             # A loop that has ended stands still for the rest of the block.
             rows = np.minimum(np.arange(len(path))[:, None], last)
@@ -271,9 +272,10 @@ def _take_steps(board: Board, offsets: np.ndarray, walkers: _Walkers) -> np.ndar
 _SECOND_BYTE, _THIRD_BYTE = (1, 2) if np.little_endian else (6, 5)
 
 
-def _positions(board: Board, walkers: _Walkers, path: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _positions(
+    board: Board, walkers: _Walkers, states: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """Where the unwrapped loops are, [step, walker], relative to their starts."""
-    states = np.subtract(path, walkers.base, dtype=np.int32, casting="unsafe")
     x = states // np.int32(board.row)
     y = states - x * np.int32(board.row)
     y >>= 2
@@ -283,7 +285,7 @@ def _positions(board: Board, walkers: _Walkers, path: np.ndarray) -> tuple[np.nd
 
 
 def _endings(
-    board: Board, walkers: _Walkers, path: np.ndarray, x: np.ndarray, y: np.ndarray, box: "_Box"
+    board: Board, walkers: _Walkers, path: np.ndarray, states: np.ndarray, box: "_Box"
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Which walkers end within the block, after how many of its steps, and how.
 
@@ -294,10 +296,10 @@ def _endings(
     period_x, period_y = board.shape
     image_x, image_y = box.high_x // period_x, box.high_y // period_y
     near = (image_x * period_x >= box.low_x) & (image_y * period_y >= box.low_y)
-    start = walkers.base + walkers.direction
+    start = walkers.direction.astype(np.int64)
     start += (walkers.x + image_x * period_x) * board.row
     start += (walkers.y + image_y * period_y) * 4
-    ends = path[1:] == start
+    ends = states[1:] == start.astype(np.int32)
     if board.outside is None:
         column = np.flatnonzero(ends.any(0) & near)
         first = np.argmax(ends[:, column], 0)

@@ -6,7 +6,7 @@ Fig. 11, whose xi = 16 lies between and is not used. Run: python benchmarks/cros
 
 import numpy as np
 
-from jaxsurf.analysis.crossover import CORRECTION, MEASURES, CrossoverSettings, measure_crossover
+from jaxsurf.analysis.crossover import CORRECTIONS, MEASURES, CrossoverSettings, measure_crossover
 from jaxsurf.curve import concatenate
 from jaxsurf.fitting.crossover import fit_crossover
 
@@ -27,7 +27,7 @@ def knees(cutoff: int, surfaces: int) -> tuple[np.ndarray, np.ndarray]:
         )
         parts.append(measure_crossover(settings, cutoff))
     curves = [concatenate([part[kind] for part in parts]) for kind in MEASURES]
-    fit = fit_crossover(curves, shared=("alpha",), correction=CORRECTION, draws=40)
+    fit = fit_crossover(curves, shared=("alpha",), corrections=CORRECTIONS, draws=40)
     print(fit, flush=True)
     names = [f"xi[{kind}]" for kind in MEASURES[1:]]
     values = np.array([fit.values[name] for name in names]) / cutoff
@@ -39,7 +39,9 @@ def main() -> None:
     for cutoff, (values, errors) in found.items():
         for kind, value, error in zip(MEASURES[1:], values, errors, strict=True):
             print(f"xi = {cutoff:>2}  {kind:<17} {value:.3f} +- {error:.3f}")
-    mean = np.exp(np.mean([np.log(values) for values, _ in found.values()], 0))
+    values, errors = (np.array([part[i] for part in found.values()]) for i in (0, 1))
+    weights = (values / errors) ** 2  # of logarithms
+    mean = np.exp((weights * np.log(values)).sum(0) / weights.sum(0))
     print("KNEES =", {k: round(float(v), 3) for k, v in zip(MEASURES[1:], mean, strict=True)})
 
 

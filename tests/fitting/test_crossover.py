@@ -94,7 +94,7 @@ def test_small_loops_have_a_correction_of_their_own():
     small = Curve(exact.kind, v, exact.samples * np.exp(0.3 * (v / 5.0) ** -1.0), details=SIDE)
     options = {"knees": {"mean_length": 3.0}, "draws": 20}
     curves = [small, spectrum()]
-    fit = fit_crossover(curves, correction=1.0, **options)
+    fit = fit_crossover(curves, corrections={"mean_length": 1.0}, **options)
     close(fit, alpha=ALPHA, xi=XI, correction__mean_length=0.3)
     assert fit_crossover(curves, **options).chi2 > fit.chi2 + 20  # the control
 
@@ -171,7 +171,11 @@ def test_no_lattice_known_means_a_knee_of_its_own():
         (lambda: mean_length(), {"beyond": "flat"}, "beyond must be one of"),
         (lambda: mean_length(), {"shared": ("tau",)}, "each of shared must be one of"),
         (lambda: mean_length(), {"sharpness": 0.0}, "sharpness must lie in"),
-        (lambda: mean_length(), {"correction": 0}, "correction must lie in"),
+        (
+            lambda: mean_length(),
+            {"corrections": {"mean_length": 0}},
+            "correction exponent of mean_length",
+        ),
         (lambda: mean_length(), {"knees": {"mean_length": -1}}, "the knee ratio of mean_length"),
         (lambda: mean_length(), {"start": {"xi": 0}}, "start of xi must lie in"),
         (lambda: mean_length(), {"draws": 1}, "draws must be at least 20"),

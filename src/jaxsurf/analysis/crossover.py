@@ -37,8 +37,8 @@ Progress = Callable[[float, str], None]
 MEASURES = ("curvature_moment", "mean_length", "length_tail", "loop_correlation")
 #: Knee over xi at alpha = 0.4, measured at xi = 8 and 32 by benchmarks/crossover_knees.py.
 KNEES = {"mean_length": 4.84, "length_tail": 0.91, "loop_correlation": 1.06}
-#: Exponent of the correction for small loops, whose radius is known to a site or so.
-CORRECTION = 1.0
+#: Exponent of the correction of <s>(R) at small R, which is known to a site or so.
+CORRECTIONS = {"mean_length": 1.0}
 #: Scales beyond the knee, in units of xi, for plain exponents there.
 BEYOND = {
     "mean_length": (5.0, 12.5),
@@ -132,7 +132,7 @@ class Crossover:
         """Settings, fits and the agreement of the four xi, ready for JSON."""
         return {
             "settings": vars(self.settings)
-            | {"knees": KNEES, "correction": CORRECTION, "beyond": BEYOND},
+            | {"knees": KNEES, "corrections": CORRECTIONS, "beyond": BEYOND},
             "joint": self.joint.to_dict(),
             "separate": self.separate.to_dict(),
             "beyond": {kind: fit.to_dict() for kind, fit in self.beyond.items()},
@@ -167,7 +167,7 @@ def reproduce_crossover(
     measured = [curves["cutoff"][kind] for kind in MEASURES]
     options: dict[str, Any] = {
         "knees": KNEES,
-        "correction": CORRECTION,
+        "corrections": CORRECTIONS,
         "draws": settings.draws,
         "rng": settings.seed,
     }

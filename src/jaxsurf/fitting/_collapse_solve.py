@@ -153,7 +153,7 @@ def undetermined(
     slope = np.asarray(_jacobian(problem, vector, _padded(data))) * size[None, :]
     curvature, direction = np.linalg.eigh(slope.T @ slope)
     loose = curvature < 1.0
-    return (np.abs(direction[:, loose]) > LARGEST_SHARE).any(1)
+    return np.asarray((np.abs(direction[:, loose]) > LARGEST_SHARE).any(1))
 
 
 @float64()

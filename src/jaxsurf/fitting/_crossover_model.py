@@ -79,8 +79,7 @@ class CrossoverModel:
             else:
                 mine = amplitude + _bent(data["log_v"], below, beyond, log_knee, blunt)
             if (correction := self.value("correction", kind, vector)) is not None:
-                dimension = self._dimension(vector) if kind == "length_tail" else 1.0
-                mine += correction * jnp.exp(data["log_above"] * -data["omega"] / dimension)
+                mine += correction * jnp.exp(data["log_above"] * -data["omega"][index])
             found = jnp.where(data["measure"] == index, mine, found)
         return found
 
@@ -97,16 +96,12 @@ class CrossoverModel:
         log_knee = self.value("log_xi", kind, vector)
         below = BELOW["spectrum" if kind in self.on_lattice else kind](alpha)
         if kind == "length_tail":
-            log_knee = log_knee * self._dimension(vector)
+            log_knee = log_knee * theory.fractal_dimension(alpha)
             log_knee += self.value("log_amplitude", "mean_length", vector, 0.0)
         log_knee += data["log_ratio"][self.kinds.index(kind)]
         blunt = jnp.exp(-self.value("log_sharpness", kind, vector, data["log_sharpness"]))
         beyond = self.value("beyond", kind, vector, BEYOND.get(kind, 0.0))
         return below, beyond, log_knee, blunt, self.value("log_amplitude", kind, vector)
-
-    def _dimension(self, vector: Any) -> Any:
-        """D_f, which turns radii into lengths of loops."""
-        return theory.fractal_dimension(self.value("alpha", "length_tail", vector, 0.0))
 
 
 def _bent(log_v: Any, below: Any, beyond: Any, log_knee: Any, blunt: Any) -> Any:

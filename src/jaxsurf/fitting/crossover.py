@@ -15,8 +15,7 @@ the knee is where two straight lines meet, and they meet at another length in ea
 variance needs no k: it is the lattice sum of a spectrum with its knee at xi.
 
 Loops of a few sites are not yet scale-free: $\langle s\rangle(6)$ is some 8 % above its power law,
-many errors. On request each loop measure carries a factor $\exp[c\,(v/v_{\min})^{-\omega}]$, c
-fitted ($-\omega/D_f$ for $P_>(s)$).
+many errors. On request a measure carries a factor $\exp[c\,(v/v_{\min})^{-\omega}]$, c fitted.
 
 Source: the paper's Eqs. (hcross), (scross), (perc_results) and Sec. V D.
 """
@@ -41,8 +40,6 @@ from jaxsurf.fitting._crossover_windows import (
 from jaxsurf.fitting._least_squares import Solution
 from jaxsurf.fitting.fit import Fit
 
-_OF_LOOPS = ("mean_length", "length_tail", "loop_correlation")
-
 
 def fit_crossover(
     curves: Curve | Sequence[Curve],
@@ -50,7 +47,7 @@ def fit_crossover(
     shared: Sequence[str] = ("alpha", "xi"),
     beyond: str = "percolation",
     sharpness: float | int | None = None,
-    correction: float | int | None = None,
+    corrections: Mapping[str, float | int] | None = None,
     knees: Mapping[str, float | int] | None = None,
     windows: Mapping[str, Limits] | None = None,
     start: Mapping[str, float | int] | None = None,
@@ -71,8 +68,8 @@ def fit_crossover(
         beyond: "percolation" fixes the exponents above the knee by theory, "free" fits them, as
             "beyond[mean_length]".
         sharpness: n of every measure, or None to fit each, as "sharpness[mean_length]".
-        correction: the exponent omega of a correction for small loops, whose amplitude is fitted
-            for each loop measure, as "correction[mean_length]"; None for no correction.
+        corrections: kind -> the exponent omega of its correction at small scales, whose amplitude
+            is fitted, as "correction[mean_length]"; none where missing.
         knees: kind -> the ratio k of its knee to xi; 1 where missing.
         windows: kind -> (low, high) in its scale's unit; where missing, the scales between the
             lattice and the map's side.
@@ -99,14 +96,14 @@ def fit_crossover(
         check_choice("each of shared", name, ("alpha", "xi"))
     if sharpness is not None:
         check_in_range("sharpness", sharpness, 0.1, 100.0, remedy="Pass None to fit it.")
-    if correction is not None:
+    for kind, omega in (corrections or {}).items():
         check_in_range(
-            "correction",
-            correction,
+            f"the correction exponent of {kind}",
+            omega,
             0.0,
             np.inf,
             closed=(False, False),
-            remedy="It is the exponent omega; pass None for no correction.",
+            remedy="Leave a kind out for no correction.",
         )
     for kind, ratio in (knees or {}).items():
         check_in_range(
@@ -125,10 +122,9 @@ def fit_crossover(
         [{1.0: curve} for curve in given],
         lambda curve, _: chosen.get(curve.kind) or default_window(curve),
     )
-    fixed = _fixed(given, stack, sharpness, correction, knees or {})
+    fixed = _fixed(given, stack, sharpness, corrections or {}, knees or {})
     on_lattice = ("curvature_moment",) if "kernel" in fixed else ()
-    corrected = () if correction is None else _OF_LOOPS
-    parameters = _names(kinds, shared, beyond, sharpness is None, corrected)
+    parameters = _names(kinds, shared, beyond, sharpness is None, tuple(corrections or ()))
     model = CrossoverModel(kinds, parameters, on_lattice)
     data = _data(stack, fixed)
     begin = _start(model, data, start or {})
@@ -230,7 +226,7 @@ def _fixed(
     curves: list[Curve],
     stack: Stack,
     sharpness: float | int | None,
-    correction: float | int | None,
+    corrections: Mapping[str, float | int],
     knees: Mapping[str, float | int],
 ) -> dict[str, Any]:
     """What the model needs that no draw changes."""
@@ -241,7 +237,7 @@ def _fixed(
     fixed: dict[str, Any] = {
         "log_v": log_v,
         "log_above": log_v - lowest[stack.measure],
-        "omega": 1.0 if correction is None else float(correction),
+        "omega": [float(corrections.get(curve.kind, 1.0)) for curve in curves],
         "measure": stack.measure,
         "log_sharpness": 0.0 if sharpness is None else np.log(float(sharpness)),
         "log_ratio": np.log([float(knees.get(curve.kind, 1.0)) for curve in curves]),

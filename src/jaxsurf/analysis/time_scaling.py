@@ -39,7 +39,7 @@ from jaxsurf.measures.fourier import power_spectrum
 Times = Sequence[float | int] | Num[np.ndarray, " time"]
 
 LARGEST_Q = 0.8  # beyond, the lattice bends the spectrum
-DITHER = 0.5  # of whole-numbered heights before their loops are traced, in steps
+DITHER = 1.0  # of whole-numbered heights before their loops are traced, in steps
 
 
 @dataclass(frozen=True)
@@ -235,9 +235,11 @@ def loops_in_time(
 
     Percolation's exponents are those of an average over levels, a few of which are near the
     percolating one. Soon after a flat start whole-numbered heights have a handful of levels only,
-    all the same on every surface, and maybe none near it. They are therefore dithered with noise
-    of half a step, more than elsewhere: independent from site to site, it changes no loop beyond
-    the smallest.
+    all the same on every surface, and maybe none near it: how far loops reach would depend on
+    where the mean height stands between two steps. They are therefore dithered by a whole step,
+    more than elsewhere. The noise has the spectrum 1, that of single-step heights beyond xi(t) is
+    8 after 8 sweeps and 50 after 32: long loops are those of the heights, loops of a few sites are
+    not.
 
     Arguments:
         heights: periodic maps, from `grow_single_step(..., snapshots=times)` or `grow_linear`.

@@ -13,6 +13,7 @@ except ModuleNotFoundError as missing:
     ) from missing
 
 from jaxsurf.cli import crossover as crossover
+from jaxsurf.cli import growth as growth
 from jaxsurf.cli import measure as measure
 from jaxsurf.cli import table1 as table1
 from jaxsurf.cli import table2 as table2

@@ -5,6 +5,7 @@
     python benchmarks/loops_physics.py correlation    # 2 x_l for alpha = 0 ... 1, conjectured 1
     python benchmarks/loops_physics.py single-loop    # G_s(r) ~ r^-a, predicted (1 + alpha)/2
     python benchmarks/loops_physics.py half-integers  # dithered and half-integer levels compared
+    python benchmarks/loops_physics.py crops          # G(r) of open maps against periodic ones
 
 `--side` and `--surfaces` change the work. Errors are standard errors by the jackknife over
 surfaces.
@@ -14,6 +15,7 @@ import argparse
 import time
 
 import numpy as np
+from scipy.optimize import least_squares
 
 import jaxsurf as js
 
@@ -80,19 +82,59 @@ def cardy_ziff(side, surfaces):
         )
 
 
-def free_field(side, surfaces):
-    print(f"alpha = 0, L {side}, {surfaces} surfaces: <s>(R) ~ R^D, exactly D = 3/2")
-    curve = curves_of(lambda loops: loops.mean_length(), surfaces, side, 0.0, 4)
-    edges = 2.0 ** np.arange(2, int(np.log2(side)) - 1)
-    for low, high in zip(edges[:-1], edges[1:], strict=True):
-        value, error = jackknife(curve, slope(low, high))
-        print(f"local slope R {low:6.0f} - {high:6.0f}: {value:.4f} +- {error:.4f}")
-    for omega in (0.5, 0.75, 1.0):
-        for low, high in ((4.0, side / 16), (8.0, side / 16), (8.0, side / 8)):
-            value, error = jackknife(curve, slope(low, high, omega))
+def corrected_power_law(curves, low, share):
+    """D, omega and b of <s>(R) = c R^D (1 + b R^-omega), all sizes together, R from low to share L.
+
+    Returns the three values and chi2 per degree of freedom.
+    """
+    parts = [curve.window(low, share * side) for side, curve in curves.items()]
+    scale, mean, stderr = (
+        np.concatenate([getattr(part, name) for part in parts])
+        for name in ("scale", "mean", "stderr")
+    )
+    seen = stderr > 0  # in two surfaces at least
+    x, y, error = np.log(scale[seen]), np.log(mean[seen]), stderr[seen] / mean[seen]
+
+    def residuals(parameters):
+        log_c, exponent, omega, b = parameters
+        return (log_c + exponent * x + np.log1p(b * np.exp(-omega * x)) - y) / error
+
+    found = least_squares(residuals, (1.0, 1.5, 0.8, 2.0), x_scale=(1.0, 0.1, 0.1, 1.0))
+    return np.append(found.x[1:], 2 * found.cost / (len(x) - 4))
+
+
+def free_field(side, surfaces, draws=100):
+    work = {side // 8: 4 * surfaces, side // 4: 2 * surfaces, side // 2: surfaces, side: surfaces}
+    print(f"alpha = 0: <s>(R) ~ R^D, exactly D = 3/2; L: surfaces {work}")
+    curves = {
+        size: curves_of(lambda loops: loops.mean_length(), count, size, 0.0, 8)
+        for size, count in work.items()
+    }
+    for size, curve in curves.items():
+        edges = 2.0 ** np.arange(1, int(np.log2(size)) - 2)
+        said = []
+        for low, high in zip(edges[:-1], edges[1:], strict=True):
+            value, error = jackknife(curve, slope(low, high))
+            said.append(f"{low:.0f}-{high:.0f}: {value:.4f}({error:.4f})")
+        print(f"L {size}: local slopes  {'  '.join(said)}", flush=True)
+    rng = np.random.default_rng(0)
+    drawn = [
+        {
+            size: curve.resample(rng.integers(0, curve.surfaces, curve.surfaces))
+            for size, curve in curves.items()
+        }
+        for _ in range(draws)
+    ]
+    print("<s> = c R^D (1 + b R^-omega), everything free, all sizes; errors by bootstrap")
+    for share in (1 / 16, 1 / 8):
+        for low in (3.0, 4.0, 6.0, 8.0, 12.0):
+            value = corrected_power_law(curves, low, share)
+            error = np.std([corrected_power_law(each, low, share) for each in drawn], 0)
             print(
-                f"with correction R^-{omega}, R {low:.0f} - {high:.0f}: "
-                f"D = {value:.4f} +- {error:.4f}"
+                f"R {low:.0f} to L/{1 / share:.0f}: D = {value[0]:.4f}({error[0]:.4f})  "
+                f"omega = {value[1]:.3f}({error[1]:.3f})  b = {value[2]:.2f}({error[2]:.2f})  "
+                f"chi2/dof {value[3]:.2f}",
+                flush=True,
             )
 
 
@@ -134,6 +176,32 @@ def single_loop(side, surfaces, alphas, fields):
         print(f"alpha {alpha:.1f}  predicted {(1 + alpha) / 2:.2f}  {'  '.join(said)}", flush=True)
 
 
+def crops(side, surfaces, alphas):
+    print(f"G(r) of crops of {side // 4} sites against that of the periodic maps of {side}")
+    for alpha in alphas:
+        whole, cut, closed = [], [], []
+        for k in range(surfaces):
+            h = rough(side, alpha, np.random.default_rng([5, side, k]))
+            levels = np.linspace(-0.5, 0.5, 3)
+            parts = h.reshape(4, side // 4, 4, side // 4).swapaxes(1, 2)
+            loops = js.level_loops(h, levels, paths=True)
+            pieces = js.level_loops(
+                parts.reshape(-1, side // 4, side // 4), levels, boundary="open", paths=True
+            )
+            whole.append(loops.correlation(share="all", pieces=True))
+            cut.append(pieces.correlation(share="all", pieces=True))
+            closed.append(pieces.correlation())
+        truth, cut, closed = (js.concatenate(each) for each in (whole, cut, closed))
+        for r in (2.0, 4.0, 8.0, 16.0, 32.0):
+            at = int(np.argmin(np.abs(np.log(cut.scale / r))))
+            reference = int(np.argmin(np.abs(np.log(truth.scale / r))))
+            print(
+                f"alpha {alpha:.1f}  r {cut.scale[at]:5.1f}: whole {truth.mean[reference]:.4f}"
+                f"({truth.stderr[reference]:.4f})  pieces {cut.mean[at]:.4f}({cut.stderr[at]:.4f})"
+                f"  closed loops {closed.mean[at]:.4f}({closed.stderr[at]:.4f})"
+            )
+
+
 def half_integers(side, surfaces):
     import jax
 
@@ -162,10 +230,11 @@ def half_integers(side, surfaces):
 #: what -> side and surfaces, unless told otherwise
 WORK = {
     "cardy-ziff": (2048, 48),
-    "free-field": (4096, 12),
+    "free-field": (4096, 40),
     "correlation": (2048, 16),
     "single-loop": (1024, 24),
     "half-integers": (128, 16),
+    "crops": (512, 12),
 }
 
 if __name__ == "__main__":
@@ -186,5 +255,7 @@ if __name__ == "__main__":
         correlation(side, surfaces, chosen.alphas, chosen.fields)
     elif chosen.what == "single-loop":
         single_loop(side, surfaces, chosen.alphas, chosen.fields)
+    elif chosen.what == "crops":
+        crops(side, surfaces, chosen.alphas)
     else:
         half_integers(side, surfaces)

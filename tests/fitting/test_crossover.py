@@ -7,7 +7,7 @@ from jaxsurf import laws, theory
 from jaxsurf._grid import radial_bins
 from jaxsurf.curve import Curve
 from jaxsurf.fitting._crossover_model import curvature_kernel
-from jaxsurf.fitting.crossover import fit_crossover
+from jaxsurf.fitting.crossover import _covariance, fit_crossover
 
 ALPHA, XI = 0.4, 16.0
 SIDE = (("side", 512.0),)
@@ -108,6 +108,15 @@ def test_a_window_without_the_knee_says_nothing_about_it():
     assert "xi[spectrum]" in fit.details["variants"]["without the largest scales"]
     assert any("without the largest scales the knee of mean_length" in note for note in fit.notes)
     assert fit.systematic["xi[mean_length]"] < 80.0  # was several times xi when it was averaged in
+
+
+def test_one_wild_draw_is_not_the_error():
+    draws = np.random.default_rng(0).normal(size=(200, 2))
+    np.testing.assert_array_equal(_covariance(draws), np.cov(draws.T))
+    draws[0, 1] = 100.0  # a variance of 50 by itself
+    # half the interval of 200 normal numbers is one to 8 %
+    assert abs(np.sqrt(_covariance(draws)[1, 1]) - 1.0) < 0.25
+    assert np.isinf(_covariance(draws[:1])).all()
 
 
 def test_a_knee_outside_its_window_is_no_result():

@@ -40,6 +40,9 @@ from jaxsurf.fitting._crossover_windows import (
 from jaxsurf.fitting._least_squares import Solution
 from jaxsurf.fitting.fit import Fit
 
+#: Of a normal distribution the ratio is 1, and 100 draws know it to 10 %.
+HEAVY = 1.5
+
 
 def fit_crossover(
     curves: Curve | Sequence[Curve],
@@ -311,12 +314,18 @@ def _first_guess(name: str, alpha: float, log_xi: float) -> float:
 def _covariance(draws: np.ndarray) -> np.ndarray:
     """Covariance of the fitted parameters over the draws, infinite if there are too few.
 
-    Lengths and sharpness are fitted by their logarithms: those of a knee that a draw barely shows
-    scatter over factors, and one draw would make an error of lengths themselves.
+    Where a curve barely shows its knee a few draws lie far off, and their squares would be all of
+    the variance. An error more than `HEAVY` times half the interval that holds 68 % of the draws
+    is replaced by that.
     """
     if len(draws) < 2:
         return np.full((draws.shape[1],) * 2, np.inf)
-    return np.atleast_2d(np.cov(draws.T))
+    covariance = np.atleast_2d(np.cov(draws.T))
+    deviation = np.sqrt(np.diag(covariance))
+    low, high = np.quantile(draws, [0.16, 0.84], axis=0)
+    share = (high - low) / 2 / np.where(deviation > 0, deviation, 1.0)
+    narrower = np.where(share * HEAVY < 1.0, share, 1.0)
+    return covariance * np.outer(narrower, narrower)
 
 
 def _status(

@@ -37,6 +37,7 @@ from jaxsurf.loops.maps import (
     check_choice,
     check_count,
     check_spacing,
+    check_step,
     seed_of,
     whole_plaquettes,
 )
@@ -57,6 +58,7 @@ def level_loops(
     boundary: str = "periodic",
     mask: Bool[Any, "*surfaces x y"] | None = None,
     spacing: float | int = 1.0,
+    step: float | int | None = None,
     paths: bool = False,
 ) -> Loops:
     """Find every loop of whole level sets of each surface.
@@ -66,7 +68,7 @@ def level_loops(
 
     Arguments:
         heights: maps `[x, y]` or `[surface, x, y]`, or an iterable of such arrays that is read one
-            array at a time. Integer heights are dithered, and the result says so.
+            array at a time. Heights in steps are dithered, and the result says so.
         levels: how many levels on each surface, or the levels themselves, in the heights' unit. A
             level outside the heights gives no loops; one equal to a height is moved by a rounding
             unit, up or down by a coin, and the result says so.
@@ -76,6 +78,8 @@ def level_loops(
         boundary: "periodic", or "open" for a map with edges.
         mask: true on valid sites; loops that touch an invalid one are open.
         spacing: lattice constant, the unit of length of the curves.
+        step: of the heights, in their unit, if they come in steps (counts of a converter times a
+            scale). If None it is looked for; heights in steps are dithered.
         paths: also keep the ordered points of each loop, see `Loops.path`; needed for
         `correlation`.
 
@@ -105,7 +109,7 @@ def level_loops(
         count, given = 0, _checked_levels(levels)
     seed = seed_of(rng)
     parts = []
-    for maps in batches(heights, mask, seed, boundary, MAP_SITES_AT_ONCE):
+    for maps in batches(heights, mask, seed, boundary, MAP_SITES_AT_ONCE, check_step(step)):
         placed = _given(maps, given) if given is not None else _PLACE[placement](maps, count, seed)
         if given is not None or placement == "quantiles":
             placed = _off_the_heights(maps, placed, seed)

@@ -1,9 +1,7 @@
 """The maps that loops are drawn on: checked, dithered where heights repeat, cut at open edges.
 
 A contour at level c separates the sites above it, h > c, from the others. Heights that repeat make
-that ill-defined: two neighbours at exactly the level, a saddle exactly at it. Maps of whole
-numbers (growth models, counts of a converter) are therefore dithered, as the paper does: one draw
-per surface of independent Gaussian noise of one thousandth of the step.
+that ill-defined, so that maps of heights in steps are dithered; see `dither`.
 
 NumPy alone.
 """
@@ -15,10 +13,12 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float, Num
 
+from jaxsurf.loops.dither import Steps, described, dithered, steps_of
+
 Heights = Num[Any, "*surface x y"] | Iterable[Num[Any, "*surface x y"]]
 SMALLEST_SIDE = 4
+UNCLEAR = "heights repeat, but on no common step: not dithered; pass step= if they have one"
 BOUNDARIES = ("periodic", "open")
-DITHER = 1e-3  # standard deviation of the dither, in steps of the heights
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,9 @@ class Maps:
     notes: tuple[str, ...]
 
 
-def batches(heights: Any, mask: Any, seed: int, boundary: str, limit: int) -> Iterator[Maps]:
+def batches(
+    heights: Any, mask: Any, seed: int, boundary: str, limit: int, step: float | None = None
+) -> Iterator[Maps]:
     """Split maps into batches of at most `limit` sites (one map at least), checked and dithered.
 
     Arguments:
@@ -52,16 +54,30 @@ def batches(heights: Any, mask: Any, seed: int, boundary: str, limit: int) -> It
         seed: what the dither is drawn from; surface k gets the same draw in any batch.
         boundary: "periodic" or "open".
         limit: sites in a batch.
+        step: of the heights, or None to look for it.
     """
     noise = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(0,)))
     first = 0
-    for stack, on_ladder in _grouped(heights, limit):
+    for stack in _grouped(heights, limit):
         valid = _checked_mask(mask, stack.shape, first)
         _check_finite(stack, valid, first)
-        shape = stack.shape[1], stack.shape[2]
-        stack, notes = _dithered(stack, noise) if on_ladder else (stack, ())
-        stack, valid = _closed_off(stack, valid, boundary == "open")
-        yield Maps(stack, valid, shape, first, notes)
+        if step is None:
+            found = steps_of(stack, valid)
+        else:
+            found = _given_steps(stack, valid, step, first)
+        notes = (UNCLEAR,) if found.is_unclear.any() else ()
+        # the precision of a map must not depend on the maps around it
+        ends = np.flatnonzero(np.diff(2 * (found.step > 0) + found.is_whole)) + 1
+        for part in np.split(np.arange(len(stack)), ends):
+            run = slice(int(part[0]), int(part[-1]) + 1)
+            maps, said = stack[run], notes
+            if found.step[run.start] > 0:
+                maps = dithered(maps, found.step[run], noise)
+                said = (*notes, described(found.step[run], bool(found.is_whole[run.start])))
+            kept = None if valid is None else valid[run]
+            maps, kept = _closed_off(maps, kept, boundary == "open")
+            shape = stack.shape[1], stack.shape[2]
+            yield Maps(maps, kept, shape, first + run.start, said)
         first += len(stack)
     if first == 0:
         raise ValueError(
@@ -69,33 +85,34 @@ def batches(heights: Any, mask: Any, seed: int, boundary: str, limit: int) -> It
         )
 
 
-def _grouped(heights: Any, limit: int) -> Iterator[tuple[np.ndarray, bool]]:
-    """Stacks of maps of at most `limit` sites, or one map, and whether they are whole numbers."""
+def _grouped(heights: Any, limit: int) -> Iterator[np.ndarray]:
+    """Stacks of maps of at most `limit` sites, or one map, of one floating-point type each."""
     waiting: list[np.ndarray] = []
     kind = None
     for block in _blocks(heights):
         stack = _checked_stack(block)
-        on_ladder = _are_whole_numbers(stack)
-        if stack.dtype.itemsize < 4 or stack.dtype.kind in "iu":
-            stack = stack.astype(np.float64 if on_ladder else np.float32)
+        if stack.dtype.kind in "iu":
+            stack = stack.astype(np.float64)
+        elif stack.dtype.itemsize < 4:
+            stack = stack.astype(np.float32)
         if kind is not None and stack.shape[1:] != kind[0]:
             raise ValueError(
                 f"all maps must have one shape; got {kind[0]} and then {stack.shape[1:]}. "
                 "Trace maps of different shapes in separate calls."
             )
         step = max(1, limit // (stack.shape[1] * stack.shape[2]))
-        if kind is not None and kind != (stack.shape[1:], stack.dtype, on_ladder):
-            yield np.concatenate(waiting), kind[2]
+        if kind is not None and kind != (stack.shape[1:], stack.dtype):
+            yield np.concatenate(waiting)
             waiting = []
-        kind = stack.shape[1:], stack.dtype, on_ladder
+        kind = stack.shape[1:], stack.dtype
         for start in range(0, len(stack), step):
             part = stack[start : start + step]
             if waiting and sum(map(len, waiting)) + len(part) > step:
-                yield np.concatenate(waiting), on_ladder
+                yield np.concatenate(waiting)
                 waiting = []
             waiting.append(part)
-    if waiting and kind is not None:
-        yield waiting[0] if len(waiting) == 1 else np.concatenate(waiting), kind[2]
+    if waiting:
+        yield waiting[0] if len(waiting) == 1 else np.concatenate(waiting)
 
 
 def whole_plaquettes(valid: Bool[np.ndarray, "surface x y"]) -> Bool[np.ndarray, "surface x y"]:
@@ -131,6 +148,15 @@ def check_spacing(spacing: Any) -> float:
             "Pass the lattice constant in your unit of length, 1.0 for sites."
         )
     return value
+
+
+def check_step(step: Any) -> float | None:
+    """Return the step of the heights as a float, or None; raise unless positive and finite."""
+    if step is not None and not 0 < float(step) < np.inf:
+        raise ValueError(
+            f"step must be positive and finite; got {step!r}. Leave it out to have it looked for."
+        )
+    return None if step is None else float(step)
 
 
 def seed_of(rng: Any) -> int:
@@ -247,18 +273,14 @@ def _check_finite(heights: np.ndarray, valid: np.ndarray | None, first: int) -> 
         )
 
 
-def _dithered(heights: np.ndarray, rng: np.random.Generator) -> tuple[np.ndarray, tuple[str, ...]]:
-    """Whole-number heights with noise far below their step of 1."""
-    noise = DITHER * rng.standard_normal(heights.shape)
-    return heights + noise, (
-        f"dithered whole-number heights: Gaussian noise of {DITHER:.2g} added",
-    )
-
-
-def _are_whole_numbers(heights: np.ndarray) -> bool:
-    """Whether heights are whole numbers, but for NaN; most maps are found out by a few of them."""
-    if heights.dtype.kind in "iu":
-        return True
-    return all(
-        bool(np.all((each == np.rint(each)) | np.isnan(each))) for each in (heights[0, :2], heights)
-    )
+def _given_steps(heights: np.ndarray, valid: np.ndarray | None, step: float, first: int) -> Steps:
+    """The same step for each surface, if their heights reach farther than that."""
+    for index, each in enumerate(heights):
+        used = each if valid is None else each[valid[index]]
+        if not step <= (reach := float(np.ptp(used))):
+            raise ValueError(
+                f"step must be at most the range of the heights, {reach:.3g} in surface "
+                f"{first + index}; got {step:.3g}. Leave it out to have it looked for."
+            )
+    neither = np.zeros(len(heights), bool)
+    return Steps(np.full(len(heights), step), neither, neither)

@@ -24,6 +24,7 @@ from jaxsurf.loops.maps import (
     check_choice,
     check_count,
     check_spacing,
+    check_step,
     seed_of,
 )
 from jaxsurf.loops.starts import draw_starts
@@ -43,6 +44,7 @@ def trace_loops(
     boundary: str = "periodic",
     mask: Bool[Any, "*surfaces x y"] | None = None,
     spacing: float | int = 1.0,
+    step: float | int | None = None,
 ) -> Loops:
     r"""Trace the contour loop through each of many random points of each surface.
 
@@ -53,7 +55,7 @@ def trace_loops(
 
     Arguments:
         heights: maps `[x, y]` or `[surface, x, y]`, or an iterable of such arrays that is read one
-            array at a time. Integer heights are dithered, and the result says so.
+            array at a time. Heights in steps are dithered, and the result says so.
         points: starting points on each surface.
         rng: a Generator, or the seed of one.
         level: "mean", of the plaquette's four heights, as the paper has it; or "uniform" between
@@ -63,6 +65,8 @@ def trace_loops(
         boundary: "periodic", or "open" for a map with edges.
         mask: true on valid sites; loops that touch an invalid one are open.
         spacing: lattice constant, the unit of length of the curves.
+        step: of the heights, in their unit, if they come in steps (counts of a converter times a
+            scale). If None it is looked for; heights in steps are dithered.
 
     Returns:
         `Loops`, one entry a starting point, surface by surface.
@@ -86,7 +90,7 @@ def trace_loops(
     seed = seed_of(rng)
     parts = [
         _trace_batch(maps, points, seed, level, correlation, boundary, spacing)
-        for maps in batches(heights, mask, seed, boundary, SITES_AT_ONCE)
+        for maps in batches(heights, mask, seed, boundary, SITES_AT_ONCE, check_step(step))
     ]
     return Loops.join(parts)
 

@@ -10,6 +10,7 @@ import scipy.sparse
 import scipy.sparse.linalg
 
 import jaxsurf as js
+from jaxsurf.analysis.snapshots import pool_snapshots
 from jaxsurf.surfaces import _step_updates as updates
 
 SCHEMES = ["random-sequential", "paper", "sublattice"]
@@ -368,10 +369,17 @@ def test_growth_is_mirrored_at_one_minus_p():
     # <C_b^3>/<C_b^2>^(3/2) of p and 1 - p are mirror images, and at no scale zero
     scales = np.array([1, 2, 4, 8, 16])
     # one map a run and time, so far apart that they count as independent
-    near_zero = [h[::5] - h[::5, :, :1, :1] for h in (down, up)]
-    curves = [
-        js.curvature_skewness(h.reshape(-1, 64, 64).astype(np.float32), scales) for h in near_zero
-    ]
+    near_zero = [(h[::5] - h[::5, :, :1, :1]).astype(np.float32) for h in (down, up)]
+    curves = [js.curvature_skewness(h.reshape(-1, 64, 64), scales) for h in near_zero]
+    # so are the heights: opposite skewness, the same kurtosis
+    skews, kurtoses = (
+        [pool_snapshots(measure(h.reshape(-1, 64, 64)), 32) for h in near_zero]
+        for measure in (js.height_skewness, js.height_kurtosis)
+    )
+    for (a, b), sign in ((skews, 1), (kurtoses, -1)):
+        assert abs(a.mean[0] + sign * b.mean[0]) < 4 * np.hypot(a.stderr[0], b.stderr[0])
+    a, b = skews
+    assert a.mean[0] - b.mean[0] > 6 * np.hypot(a.stderr[0], b.stderr[0])  # the control
     error = np.hypot(curves[0].stderr, curves[1].stderr)
     assert np.all(np.abs(curves[0].mean + curves[1].mean) < 4 * error)
     assert np.all(np.abs(curves[0].mean - curves[1].mean) > 6 * error)  # the control

@@ -126,6 +126,20 @@ def test_distances_that_a_mask_leaves_without_pairs_weigh_nothing():
     assert np.all(curve.samples[0][curve.scale > 15] == 0)
 
 
+@pytest.mark.parametrize("boundary", ["periodic", "open"])
+def test_one_mask_serves_every_map(boundary):
+    h = np.stack([smooth_map(k, (24, 24)) for k in range(2)])
+    mask = masks((24, 24))["masked"]
+    options = {"boundary": boundary, "paths": True}
+    together = level_loops(h, [0.5], mask=mask, **options)
+    each = level_loops(list(h), [0.5], mask=np.stack([mask, mask]), **options)
+    np.testing.assert_array_equal(together.valid, each.valid)
+    alone = level_loops(h[1], [0.5], mask=mask, **options).correlation(fields=200)
+    np.testing.assert_allclose(
+        together.correlation(fields=200).samples[1], alone.samples[0], rtol=1e-3, atol=1e-6
+    )  # single precision, as above, and a field for each loop
+
+
 def test_lengths_select_loops_and_per_weighs_them():
     h = smooth_map(5, (40, 40))
     loops = level_loops(h, 4, rng=0, paths=True)

@@ -165,6 +165,8 @@ class Loops:
     @staticmethod
     def together(parts: "Sequence[Loops]") -> "Loops":
         """The loops of several level sets of the same surfaces."""
+        if len(parts) == 1:
+            return parts[0]
         names = (*_PER_LOOP, "centroid", "vertices")
         return replace(parts[0], **{name: _joined(parts, name) for name in names})
 

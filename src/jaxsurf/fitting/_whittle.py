@@ -36,7 +36,7 @@ NOISE = "noise_floor"
 KINKED = "cutoff"
 EVALUATIONS = 100  # of the likelihood at most; a fit takes about seven
 CLOSE = 3e-3  # standard errors: the walk ends where its next step would be shorter
-SCAN = np.linspace(-4.0, 4.0, 65)  # standard errors over which a cutoff is stepped
+SCAN = np.linspace(-6.0, 6.0, 73)  # standard errors over which a cutoff is stepped
 
 
 class Model(eqx.Module):
@@ -109,6 +109,13 @@ class Periodogram(NamedTuple):
     observer: Any
     maps: int = 1
 
+    @property
+    def pooled(self) -> "Periodogram":
+        """All maps in one row."""
+        count = len(self.periodogram)
+        mean = self.periodogram.mean(0, keepdims=True)
+        return self._replace(periodogram=mean, multiplicity=self.multiplicity * count, maps=count)
+
 
 class Here(eqx.Module):
     """The likelihood at one point.
@@ -148,18 +155,22 @@ class Minimum(eqx.Module):
     distance: Float[Array | np.ndarray, "*map"]
 
 
-@eqx.filter_jit
 def minimise(
     model: Model,
-    observer: Any,
-    periodogram: Float[Array | np.ndarray, "map mode"],
-    multiplicity: Float[Array | np.ndarray, " mode"],
-    start: Float[Array | np.ndarray, "map parameter"],
-    low: Float[Array | np.ndarray, " parameter"],
-    high: Float[Array | np.ndarray, " parameter"],
-    maps: Any,
+    data: Periodogram,
+    start: Float[np.ndarray, "map parameter"],
+    low: Float[np.ndarray, " parameter"],
+    high: Float[np.ndarray, " parameter"],
 ) -> Minimum:
-    """Maximise the likelihood of each map, compiled once for all maps of a shape."""
+    """Maximise the likelihood of each map, compiled once for all batches of a shape and size."""
+    maps = np.float64(data.maps)
+    return _minimise(
+        model, data.observer, data.periodogram, data.multiplicity, maps, start, low, high
+    )
+
+
+@eqx.filter_jit
+def _minimise(model, observer, periodogram, multiplicity, maps, start, low, high) -> Minimum:
     half = 0.5 * jnp.asarray(multiplicity)
     kinks = np.array([name == KINKED for name in model.free])
 
@@ -189,6 +200,8 @@ def minimise(
         variance = observer.gradient_variance(lambda q: model.density(point, q), here, maps)
         return _minimum(point, here, inverse @ variance @ inverse, distance)
 
+    # One map after the other; under vmap each waits for the slowest. Measured with two parameters:
+    # 0.12 ms a fit against 0.32 for 400 maps of 64 x 64, 4.2 against 6.1 ms for 40 of 512 x 512.
     return jax.lax.map(one, (jnp.asarray(periodogram), jnp.asarray(start)))
 
 
@@ -263,6 +276,7 @@ def _walk(at: Any, point: Array, held: Array, low: Any, high: Any) -> tuple[Arra
         return point, here, step, distance, share, count + 1
 
     nowhere = jax.tree.map(lambda x: jnp.full(x.shape, jnp.inf), jax.eval_shape(at, point))
-    begin = (jnp.zeros_like(point), jnp.inf, 1.0, 0)  # no step yet: the first trial is the start
-    point, here, _, distance, share, _ = jax.lax.while_loop(going, once, (point, nowhere, *begin))
+    # no step yet: the first trial is the start itself
+    state: tuple[Any, ...] = (point, nowhere, jnp.zeros_like(point), jnp.inf, 1.0, 0)
+    point, here, _, distance, share, _ = jax.lax.while_loop(going, once, state)
     return point, here, distance * share

@@ -17,13 +17,13 @@ from typing import Any
 
 import jax
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from jaxsurf import _grid
 from jaxsurf._checks import check_choice, check_heights, check_in_range, check_spacing
-from jaxsurf.fitting import _debiased, _whittle
+from jaxsurf.fitting import _debiased
 from jaxsurf.fitting._least_squares import CONVERGED
-from jaxsurf.fitting._whittle import NOISE, AllModes, Minimum, Model, Periodogram
+from jaxsurf.fitting._whittle import NOISE, AllModes, Minimum, Model, Periodogram, minimise
 from jaxsurf.fitting._whittle_start import bins_of, start
 from jaxsurf.fitting.fit import Fit
 from jaxsurf.laws import Law
@@ -56,7 +56,7 @@ def fit_likelihood(
         heights: maps `[x, y]` or `[surface, x, y]`, in the law's unit of height.
         law: its class says which law, its fields which parameters; they also help to start.
         boundary: "periodic", or "open" for a map with edges, whose plane does not matter.
-        mask: true on valid sites, `[x, y]`, the same for all maps.
+        mask: true on valid sites, `[x, y]`, or one for each map, `[surface, x, y]`, with each=True.
         noise: whether white noise is added to the law; its "noise_floor" is a spectral density, the
             variance of the noise times the area of a site.
         fixed: fields of the law that keep their given value.
@@ -76,7 +76,8 @@ def fit_likelihood(
     Raises:
         TypeError: a law that is none, heights that are not real numbers.
         ValueError: names that the law does not have, starting values outside the bounds, heights
-            that are not finite or do not vary, a law that noise cannot be told from.
+            that are not finite or do not vary, a law that noise cannot be told from, masks that
+            differ without each=True, a map with fewer than 64 steps along an axis.
 
     >>> import jax
     >>> from jaxsurf import SelfAffine, sample
@@ -90,18 +91,31 @@ def fit_likelihood(
     check_heights(heights, mask=mask)
     maps = np.asarray(heights, np.float64)
     maps = maps.reshape(-1, *maps.shape[-2:])
+    masks = _common_mask(mask)
+    if masks is not None and masks.ndim == 3 and not each:
+        raise ValueError(
+            "maps with masks of their own are fitted one by one; got masks of shape "
+            f"{np.shape(mask)} that differ. Pass each=True, or one mask for all maps."
+        )
     free = _free_names(law, noise, fixed)
     limits = _limits(law, free, bounds or {}, min(maps.shape[-2:]) * float(spacing), float(spacing))
-    if boundary == "periodic" and mask is None:
-        data = _periodic(maps, float(spacing))
+    if boundary == "periodic" and masks is None:
+        seen = [_periodic(maps, float(spacing))]
+    elif masks is None or masks.ndim == 2:
+        seen = [_debiased.observe(maps, masks, boundary, float(spacing), surround)]
     else:
-        valid = None if mask is None else np.asarray(mask)
-        data = _debiased.observe(maps, valid, boundary, float(spacing), surround)
-    if not each:
-        pooled = data.periodogram.mean(0, keepdims=True)
-        data = data._replace(
-            periodogram=pooled, multiplicity=data.multiplicity * len(maps), maps=len(maps)
-        )
+        seen = [
+            _debiased.observe(one[None], own, boundary, float(spacing), surround)
+            for one, own in zip(maps, masks, strict=True)
+        ]
+    fits = [fit for data in seen for fit in _fits(law, free, limits, data if each else data.pooled)]
+    return fits if each else fits[0]
+
+
+def _fits(
+    law: Law, free: tuple[str, ...], limits: dict[str, tuple[float, float]], data: Periodogram
+) -> list[Fit]:
+    """One fit for each row of the periodogram."""
     rough = data.observer.rough_spectrum(data.periodogram)
     at = start(law, free, limits, data.q, rough, data.multiplicity, NOISE)
     logarithmic = tuple(limits[name][0] >= 0 and name not in (NOISE, "alpha") for name in free)
@@ -114,19 +128,17 @@ def fit_likelihood(
     ):
         begin = np.stack([_to_line(model, values) for values in at])
         low, high = (_to_line(model, {n: limits[n][end] for n in free}) for end in (0, 1))
-        found = _whittle.minimise(
-            model,
-            data.observer,
-            data.periodogram,
-            data.multiplicity,
-            begin,
-            low,
-            high,
-            np.float64(data.maps),
-        )
-        found = jax.tree.map(np.asarray, found)
-    fits = [_fit(model, data, found, k, low, high) for k in range(len(begin))]
-    return fits if each else fits[0]
+        found = jax.tree.map(np.asarray, minimise(model, data, begin, low, high))
+    return [_fit(model, data, found, k, low, high) for k in range(len(begin))]
+
+
+def _common_mask(mask: Any) -> Bool[np.ndarray, "*map x y"] | None:
+    """The mask as `[x, y]` if all maps share it, else `[map, x, y]`."""
+    if mask is None:
+        return None
+    each = np.asarray(mask)
+    each = each.reshape(-1, *each.shape[-2:])
+    return each[0] if np.all(each == each[0]) else each
 
 
 @lru_cache(maxsize=16)

@@ -74,6 +74,13 @@ def test_masked_sites_do_not_hide_the_step():
     assert steps_of(h[None], None).step[0] == 0, "the control: with them there is none"
 
 
+@pytest.mark.parametrize("scale", [1.0, 0.5])
+def test_the_first_rows_may_be_masked(scale):
+    h, mask = scale * counts(6), np.ones((48, 48), bool)
+    h[:10], mask[:10] = np.nan, False
+    assert steps_of(h[None], mask[None]).step[0] == scale
+
+
 def test_same_loops_whatever_maps_are_beside():
     h = np.stack([smooth(1), 0.1 * counts(8, 2), smooth(3), counts(8, 4), 0.3 * counts(8, 5)])
     together = level_loops(h, 3, rng=0)

@@ -36,22 +36,13 @@ class Steps:
 
 
 def steps_of(heights: np.ndarray, valid: np.ndarray | None) -> Steps:
-    """Look for the step of each surface `[surface, x, y]`.
-
-    Most surfaces are found out by a sample of their heights.
-    """
-    count = len(heights)
-    steps, is_whole, unclear = np.zeros(count), np.zeros(count, bool), np.zeros(count, bool)
-    sample = np.sort(heights[:, :2].reshape(count, -1), 1)
-    whole = ((sample == np.rint(sample)) | ~np.isfinite(sample)).all(1)
-    repeated = np.count_nonzero(sample[:, 1:] == sample[:, :-1], 1) > REPEATS * sample.shape[1]
-    for k in np.flatnonzero(whole | repeated):
-        used = heights[k].ravel() if valid is None else heights[k][valid[k]]
-        if np.all(used == np.rint(used)):
-            steps[k], is_whole[k] = 1.0, True
-        elif repeated[k]:
-            steps[k], unclear[k] = _step(used)
-    return Steps(steps, is_whole, unclear)
+    """Look for the step of each surface `[surface, x, y]`."""
+    found = [
+        _step_of(each.ravel() if valid is None else each[valid[k]], 2 * each.shape[1])
+        for k, each in enumerate(heights)
+    ]
+    step, is_whole, is_unclear = np.array(found).T
+    return Steps(step, is_whole.astype(bool), is_unclear.astype(bool))
 
 
 def dithered(heights: np.ndarray, steps: np.ndarray, rng: np.random.Generator) -> np.ndarray:
@@ -71,18 +62,24 @@ def _span(values: np.ndarray) -> str:
     return f"{low:.2g}" if high - low <= 1e-6 * high else f"{low:.2g} to {high:.2g}"
 
 
-def _step(used: np.ndarray) -> tuple[float, bool]:
-    """The common step of the heights of one surface, 0 for none, and whether they repeat anyway."""
+def _step_of(used: np.ndarray, first: int) -> tuple[float, bool, bool]:
+    """Step, wholeness and unclearness of one surface; most are found out by their first heights."""
+    sample = np.sort(used[:first])
+    repeated = np.count_nonzero(sample[1:] == sample[:-1]) > REPEATS * len(sample)
+    if sample[0] == np.rint(sample[0]) and np.all(used == np.rint(used)):
+        return 1.0, True, False
+    if not repeated:
+        return 0.0, False, False
     values = np.unique(used).astype(np.float64)
     if len(values) > len(used) / 2:
-        return 0.0, False
+        return 0.0, False, False
     rounding = 4 * float(np.finfo(used.dtype).eps) * np.abs(values).max()
     gaps = np.diff(values)
     gaps = gaps[gaps > 2 * rounding]  # others separate one height from itself, rounded otherwise
     if len(gaps) == 0:
-        return 0.0, True
+        return 0.0, False, True
     multiples = np.rint(gaps / gaps.min())
     step = gaps.sum() / multiples.sum()
     # heights are off by rounding, their differences by twice that
-    on_ladder = bool(np.all(np.abs(gaps - multiples * step) <= 2 * rounding))
-    return (step, False) if on_ladder and step > 8 * rounding else (0.0, True)
+    on_ladder = np.all(np.abs(gaps - multiples * step) <= 2 * rounding) and step > 8 * rounding
+    return (step, False, False) if on_ladder else (0.0, False, True)

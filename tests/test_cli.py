@@ -98,6 +98,22 @@ def test_crossover_prints_the_knees_and_draws_the_panels(tmp_path, capsys):
     }
 
 
+def test_growth_prints_the_exponents_and_draws_them(tmp_path, capsys):
+    output = tmp_path / "out"
+    words = ["growth", "--side", 64, "--last", 16, "--first", 1, "--replicas", 5, "--points", 60]
+    assert run(*words, "--scheme", "sublattice", "--output", output) == 0
+    printed = " ".join(capsys.readouterr().out.split())
+    assert "single-step, p₊ = 0.1: L = 64, t = 1 to 16" in printed
+    assert "z (collapse of S)" in printed
+    assert {path.name for path in output.iterdir()} == {
+        "growth.csv",
+        "growth.json",
+        "growth_curves.npz",
+        "growth.png",
+        "growth_loops.png",
+    }
+
+
 def test_an_interruption_says_so_and_writes_nothing(tmp_path, monkeypatch, capsys):
     def interrupted(*arguments, **options):
         raise KeyboardInterrupt

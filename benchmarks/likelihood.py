@@ -56,11 +56,11 @@ def against_bound(values, exact, sites, label):
     )
 
 
-def straight_line(heights, **how):
-    """Alpha from the slope of the log-binned spectrum of each map."""
-    values = []
+def straight_line(heights, cutoff=None, **how):
+    """Alpha from the slope of the log-binned spectrum of each map, beyond the knee if there is."""
+    values, window = [], None if cutoff is None else (1.3 * np.pi / cutoff, np.pi)
     for one in heights:
-        fit = js.fit_power_law(js.power_spectrum(one[None], **how), draws=20)
+        fit = js.fit_power_law(js.power_spectrum(one[None], **how), window=window, draws=20)
         values.append(-1 - fit.values["exponent"] / 2)
     return values
 
@@ -119,7 +119,7 @@ def open_maps(sides, surfaces, alphas, kinds):
             tilted = heights + 0.3 * x - 0.2 * y
             free += js.fit_likelihood(tilted, guess, each=True, **how)
             given += js.fit_likelihood(tilted, known, fixed=("cutoff",), each=True, **how)
-            lines += straight_line(tilted, **how)
+            lines += straight_line(tilted, cutoff, **how)
         valid = int(mask.sum())
         print(
             f"open, L = {side}, {surfaces} tilted crops, {kind}, {valid} valid sites of "

@@ -1,6 +1,6 @@
 """Why D_f direct of Table II lies below the paper's: the window, the dither, or what R counts?
 
-    python benchmarks/growth_windows.py [--p-plus 0.1 0.3 0.5] [--side 128] [--looks 60]
+    python benchmarks/growth_windows.py [--p-plus 0.1 0.3 0.5] [--side 128] [--looks 25]
 
 Loops of the single-step model through random points, and the slope of <s>(R) over several windows:
 with R the larger extent of a loop, as here; with R + 1, the sites that the covering box counts; and
@@ -25,7 +25,7 @@ def main():
     parser.add_argument("--p-plus", type=float, nargs="+", default=[0.1, 0.3, 0.5])
     parser.add_argument("--side", type=int, default=128)
     parser.add_argument("--replicas", type=int, default=8)
-    parser.add_argument("--looks", type=int, default=40)
+    parser.add_argument("--looks", type=int, default=25)
     parser.add_argument("--points", type=int, default=100)
     options = parser.parse_args()
     side, every = options.side, options.side**2 // 400

@@ -163,7 +163,7 @@ def test_loops_beyond_the_correlation_length_are_percolation_hulls():
 
 @pytest.mark.slow
 def test_early_loops_of_the_single_step_model_are_those_of_white_noise():
-    shape, times = (512, 512), [4, 256]
+    shape, times = (512, 512), [4, 128]
     heights = js.grow_single_step(
         shape, p_plus=0.1, sweeps=times[-1], batch=8, snapshots=times, key=jax.random.key(4)
     )
@@ -177,7 +177,7 @@ def test_early_loops_of_the_single_step_model_are_those_of_white_noise():
         # it is the reference; xi is 2 to 3 sites, and the correction (R/xi)^(-3/4) leaves 0.05.
         assert abs(value - reference[kind][0]) < 3 * np.hypot(error, reference[kind][1]) + 0.05
         assert abs(reference[kind][0] - exact) < 3 * reference[kind][1] + 0.15
-    # the control: at t = 256 xi is past R, and loops are those of a growing, rough surface
+    # the control: at t = 128 xi is near R, and loops are those of a growing, rough surface
     for kind, least in (("mean_length", 0.15), ("length_tail", 0.15)):
         assert abs(control[kind][0] - reference[kind][0]) > least, kind
 

@@ -47,12 +47,9 @@ def _panel(axes: Axes, result: Crossover, kind: str, letter: str) -> None:
     axes.set_xscale("log")
     axes.set_yscale("log")
     describe_axes(axes, result.curves["cutoff"][kind])
-    name = f"xi[{kind}]"
-    axes.set_title(
-        f"({letter}) ξ = {result.separate.values[name]:.1f} ± "
-        f"{result.separate.total_error(name):.1f}",
-        fontsize=9,
-    )
+    row = next(row for row in result.to_rows() if row["measure"] == kind)
+    error = np.hypot(row["xi statistical"], row["xi systematic"])
+    axes.set_title(f"({letter}) ξ = {row['xi']:.1f} ± {error:.1f}", fontsize=9)
     if kind in LENGTHS:
         axes.axvline(result.settings.cutoff, color="0.4", linewidth=0.7, linestyle=":")
     axes.legend(fontsize=7, frameon=False)

@@ -95,10 +95,11 @@ def test_gaussian_surfaces_have_the_kurtosis_three(drawn):
     assert np.any(np.abs((bent.mean - 3) / bent.stderr) > 5)
 
 
-def test_open_maps_and_masks_have_the_same_expectations():
+@pytest.mark.parametrize("surfaces", [100, pytest.param(300, marks=pytest.mark.slow)])
+def test_open_maps_and_masks_have_the_same_expectations(surfaces):
     """What exists of a periodic surface is as rough as the whole: nothing wraps, nothing leaks."""
     law = js.SelfAffine(alpha=0.7)
-    heights = js.sample(law, SHAPE, key=jax.random.key(5), batch=100)
+    heights = js.sample(law, SHAPE, key=jax.random.key(5), batch=surfaces)
     mask = np.random.default_rng(0).random(SHAPE) > 0.02
     exact = {
         "differences": js.laws.expected_height_correlation(law, SHAPE, SIZES),

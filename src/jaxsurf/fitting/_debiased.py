@@ -48,7 +48,8 @@ class CutOut(eqx.Module):
         wide: transform of g on the surrounding periodic surface.
         q: |q| of the surrounding surface's modes.
         step: the symbol of a step there, e^{iqa} - 1.
-        own_filter: mean of the steps' |symbol|^2 on the map's own modes.
+        own_q: |q| of the map's own modes.
+        own_filter: mean of the steps' |symbol|^2 there.
         signs: random signs on the map, which probe the variance of the gradient.
         broadening: by how much missing sites widen the scatter of a bin of modes, at most.
         shape: of the surrounding surface, in sites.
@@ -62,6 +63,7 @@ class CutOut(eqx.Module):
     wide: Complex[Array | np.ndarray, "2 u v"]
     q: Float[Array | np.ndarray, "u v"]
     step: Complex[Array | np.ndarray, "2 u v"]
+    own_q: Float[Array | np.ndarray, " mode"]
     own_filter: Float[Array | np.ndarray, " mode"]
     signs: Float[Array | np.ndarray, "probe 2 x y"]
     broadening: Any
@@ -88,6 +90,10 @@ class CutOut(eqx.Module):
         of_mean = seen.sum((1, 2))[:, None, None] * jnp.abs(share) ** 2
         level = jnp.sum(of_mean - 2 * (with_mean * share.conj()).real, 0)
         return (self.spacing**2 / jnp.sum(self.steps) * (total + level)).ravel()[1:]
+
+    def rough(self, density: Any) -> Float[Array, " mode"]:
+        """What would be expected without leakage, which costs no transform: a start."""
+        return density(jnp.asarray(self.own_q)) * self.own_filter
 
     def rough_spectrum(
         self, periodogram: Float[np.ndarray, "map mode"]
@@ -174,6 +180,7 @@ def observe(
     flat = periodogram.reshape(len(maps), -1)[:, 1:] * (spacing**2 / steps.sum())
     multiplicity = np.broadcast_to(_grid.mode_multiplicity(shape), periodogram.shape[1:])
     probes = int(np.ceil(PROBED / window[0].size))
+    q = _grid.wave_number(shape, spacing).ravel()[1:]
     cut = CutOut(
         window,
         np.stack([_overlap(g, boundary) for g in window]),
@@ -181,13 +188,13 @@ def observe(
         np.fft.rfft2(window, s=around),
         _positive(_grid.wave_number(around, spacing)),
         _step(around),
+        q,
         (np.abs(_step(shape)) ** 2).mean(0).ravel()[1:],
         np.random.default_rng(0).choice([-1.0, 1.0], size=(probes, *window.shape)),
         np.sqrt(valid.size / valid.sum()),
         around,
         spacing,
     )
-    q = _grid.wave_number(shape, spacing).ravel()[1:]
     return Periodogram(q, flat, multiplicity.ravel()[1:].copy(), cut)
 
 

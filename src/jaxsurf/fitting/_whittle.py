@@ -36,6 +36,7 @@ NOISE = "noise_floor"
 KINKED = "cutoff"
 EVALUATIONS = 100  # of the likelihood at most; a fit takes about seven
 CLOSE = 3e-3  # standard errors: the walk ends where its next step would be shorter
+BLUNT = 0.05  # the same across the small kinks that a window leaves
 SCAN = np.linspace(-6.0, 6.0, 73)  # standard errors over which a cutoff is stepped
 
 
@@ -74,6 +75,7 @@ class AllModes(eqx.Module):
     broadening: float = eqx.field(static=True, default=1.0)  # modes are independent
     has_kinks: bool = eqx.field(static=True, default=True)  # no window smooths them
     errors: str = eqx.field(static=True, default="Fisher")
+    rough = None  # the expectation costs nothing
 
     def expected(self, density: Any) -> Float[Array, " mode"]:
         """The mean of the periodogram, given S(q) as a function."""
@@ -177,25 +179,34 @@ def _minimise(model, observer, periodogram, multiplicity, maps, start, low, high
     def one(arguments: tuple[Array, Array]) -> Minimum:
         measured, begin = arguments
 
-        def at(point: Array) -> Here:
-            def log_expected(p: Array) -> tuple[Array, Array]:
-                log = jnp.log(observer.expected(lambda q: model.density(p, q)))
-                return log, log
+        def likelihood(expected: Any) -> Any:
+            def at(point: Array) -> Here:
+                def log_expected(p: Array) -> tuple[Array, Array]:
+                    log = jnp.log(expected(lambda q: model.density(p, q)))
+                    return log, log
 
-            slopes, log = jax.jacfwd(log_expected, has_aux=True)(point)
-            ratio = measured * jnp.exp(-log)
-            gradient = slopes.T @ (half * (1 - ratio))
-            fisher = slopes.T @ (half[:, None] * slopes)
-            return Here(log, slopes, jnp.sum(half * (log + ratio)), gradient, fisher)
+                slopes, log = jax.jacfwd(log_expected, has_aux=True)(point)
+                ratio = measured * jnp.exp(-log)
+                gradient = slopes.T @ (half * (1 - ratio))
+                fisher = slopes.T @ (half[:, None] * slopes)
+                return Here(log, slopes, jnp.sum(half * (log + ratio)), gradient, fisher)
 
-        def walk(point: Array, held: Any) -> tuple[Array, Here, Array]:
-            return _walk(at, jnp.clip(point, low, high), jnp.asarray(held), low, high)
+            return at
 
-        point, here, distance = walk(begin, np.zeros(len(kinks), bool))
+        at = likelihood(observer.expected)
+
+        def walk(point: Array, held: Any, at: Any = at, close: float = CLOSE) -> Any:
+            return _walk(at, jnp.clip(point, low, high), jnp.asarray(held), low, high, close)
+
+        none = np.zeros(len(kinks), bool)
+        if observer.rough is not None:
+            begin, _, _ = walk(begin, none, likelihood(observer.rough))
         if kinks.any() and observer.has_kinks:
+            point, here, _ = walk(begin, none)
             return _through_kinks(walk, point, here, kinks, low, high)
-        if kinks.any():  # a small one may have stopped the walk: finish for the others
-            point, here, distance = walk(point, kinks)
+        if kinks.any():  # the cutoff bluntly, then the others in full
+            begin, _, _ = walk(begin, none, close=BLUNT)
+        point, here, distance = walk(begin, kinks)
         inverse = _inverse(here.fisher)
         variance = observer.gradient_variance(lambda q: model.density(point, q), here, maps)
         return _minimum(point, here, inverse @ variance @ inverse, distance)
@@ -256,12 +267,14 @@ def _step(here: Here, point: Array, held: Array, low: Any, high: Any) -> tuple[A
     return step, jnp.sqrt(jnp.maximum(-step @ gradient, 0.0))
 
 
-def _walk(at: Any, point: Array, held: Array, low: Any, high: Any) -> tuple[Array, Here, Array]:
+def _walk(
+    at: Any, point: Array, held: Array, low: Any, high: Any, close: float
+) -> tuple[Array, Here, Array]:
     """Fisher scoring with halved steps within the bounds."""
 
     def going(state: tuple) -> Array:
         _, _, _, distance, share, count = state
-        return (distance * share > CLOSE) & (count < EVALUATIONS)
+        return (distance * share > close) & (count < EVALUATIONS)
 
     def once(state: tuple) -> tuple:
         point, here, step, distance, share, count = state
@@ -275,8 +288,8 @@ def _walk(at: Any, point: Array, held: Array, low: Any, high: Any) -> tuple[Arra
         share = jnp.where(better, jnp.minimum(2 * share, 1.0), 0.5 * share)
         return point, here, step, distance, share, count + 1
 
-    nowhere = jax.tree.map(lambda x: jnp.full(x.shape, jnp.inf), jax.eval_shape(at, point))
     # no step yet: the first trial is the start itself
+    nowhere = jax.tree.map(lambda x: jnp.full(x.shape, jnp.inf), jax.eval_shape(at, point))
     state: tuple[Any, ...] = (point, nowhere, jnp.zeros_like(point), jnp.inf, 1.0, 0)
     point, here, _, distance, share, _ = jax.lax.while_loop(going, once, state)
     return point, here, distance * share

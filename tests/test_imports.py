@@ -32,7 +32,6 @@ ONLY = {
     "xarray": {"sweeps"},
     "rich": {"cli"},
     "cyclopts": {"cli"},
-    "jaxopt": {"fitting"},
     "pandas": set(),
     "numba": set(),
 }
@@ -164,7 +163,7 @@ def test_import_is_light_and_changes_no_setting():
     program = (
         "import jax; before = dict(jax.config.values); import jaxsurf, sys; "
         "assert dict(jax.config.values) == before; "
-        "heavy = {'matplotlib', 'xarray', 'rich', 'cyclopts', 'pandas', 'jaxopt', 'h5py'}; "
+        "heavy = {'matplotlib', 'xarray', 'rich', 'cyclopts', 'pandas', 'h5py'}; "
         "assert not heavy & set(sys.modules), heavy & set(sys.modules)"
     )
     subprocess.run([sys.executable, "-c", program], check=True)

@@ -3,8 +3,8 @@ r"""Maximum likelihood: the most that the heights of a map can tell about its la
 A straight line through a binned spectrum throws away how well each mode is known. The likelihood
 does not: on a periodic map the error of alpha is as small as any estimate can have, the
 Cramer-Rao bound, 1.383/L on an L x L map, and the error it quotes is the one it makes. An open map,
-or one with missing sites, is compared with what its own window, mask and levelling make of the law
-(`_debiased`), so that leakage biases nothing.
+or one with missing sites, is seen through its steps from site to site, and their power is compared
+with what its own edges, holes and levelling make of the law (`_debiased`): leakage biases nothing.
 
 Source: P. Whittle, J. R. Stat. Soc. B 15, 125 (1953); A. P. Guillaumin, A. M. Sykulski,
 S. C. Olhede & F. J. Simons, J. R. Stat. Soc. B 84, 1526 (2022).
@@ -69,9 +69,10 @@ def fit_likelihood(
 
     Returns:
         A `Fit` with the law's free parameters and "noise_floor", or a list of them. `stderr` is
-        from the Fisher information, of open maps the sandwich. `chi2` judges the model: the
-        residual spectrum I/f in bins of |q| against 1, in `details["residual_spectrum"]` as
-        (q, ratio, error).
+        from the Fisher information, and on a periodic map with a free cutoff the width of the
+        whole likelihood, which has many maxima; of open and masked maps the sandwich. `chi2` judges
+        the model: the residual spectrum I/f in bins of |q| against 1, in
+        `details["residual_spectrum"]` as (q, ratio, error); of masked maps it is at most its dof.
 
     Raises:
         TypeError: a law that is none, heights that are not real numbers.

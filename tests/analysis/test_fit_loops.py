@@ -72,10 +72,10 @@ def test_units_of_height_do_not_matter():
 
 def test_statistics_of_a_comb_are_known():
     # ridges of one site: every level inside makes two straight lines each, all of which wind
-    comb = np.full((32, 32), 0.25)  # not whole numbers, which would be dithered
-    comb[::4] = 0.75
+    comb = np.random.default_rng(0).uniform(0, 1e-6, (32, 32))  # else steps are dithered
+    comb[::4] += 0.5
     assert np.isnan(loop_statistics(comb[None])).all()
-    comb[2, 5] = 0.75  # one island more: its loop of 4 steps beside 16 lines of 32
+    comb[2, 5] += 0.5  # one island more: its loop of 4 steps beside 16 lines of 32
     np.testing.assert_allclose(
         loop_statistics(comb[None])[0, 1:], np.log(4 / (4 + 16 * 32)), rtol=1e-6
     )

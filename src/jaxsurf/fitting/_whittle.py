@@ -14,9 +14,9 @@ of the maximum at once: six or seven evaluations of f and its derivatives are a 
 
 A sharp cutoff puts a kink into the likelihood of a periodic map wherever $\pi/\xi_q$ meets a mode,
 and a maximum between any two. There the cutoff is stepped through, the other parameters following,
-to the highest of them; and since the curvature at one maximum tells too little of the others (its
-68 % intervals of the cutoff hold the truth in 62-66 %), the covariance is that of the whole
-likelihood over the cutoff, with the others Gaussian about their best values at each.
+to the highest of them; and since the curvature at one maximum knows nothing of the others, the
+covariance is that of the whole likelihood over the cutoff, with the other parameters Gaussian about
+their best values at each.
 
 Source: P. Whittle, J. R. Stat. Soc. B 15, 125 (1953).
 """

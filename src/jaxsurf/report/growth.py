@@ -186,13 +186,15 @@ def _logarithmic(figure: Figure) -> None:
 
 
 def _percolation(axes: Axes, slope: float) -> None:
-    """A dashed line over the last decade of the drawn points, beside them."""
+    """A dashed line over the last decade of the drawn points: below if they rise, else above."""
     points = np.concatenate([line.get_xydata() for line in axes.lines])
     x, y = points[np.argsort(points[:, 0])].T
     end = float(np.quantile(x, 0.99))
     start = max(end / 12, float(x[0]))
-    near = np.abs(np.log(x / start)) < 0.2
-    height = 1.25 * float(np.max(y[near])) if slope < 0 else 0.8 * float(np.min(y[near]))
+    if slope > 0:
+        height = 0.85 * float(np.min(y[x > 0.6 * end])) * (start / end) ** slope
+    else:
+        height = 1.25 * float(np.max(y[np.abs(np.log(x / start)) < 0.2]))
     guide(axes, slope, start=(start, height), end=end, name="")
 
 

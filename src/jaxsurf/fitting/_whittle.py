@@ -243,7 +243,7 @@ def _through_kinks(
         weights[:, None] > 0, points - weights @ jnp.where(inside[:, None], points, 0), 0
     )
     covariance = jnp.einsum("s,sk,sl->kl", weights, off, off)
-    within = jnp.einsum("s,skl->kl", weights, covariances)
+    within = jnp.einsum("s,skl->kl", weights, jnp.where(inside[:, None, None], covariances, 0.0))
     covariance = covariance.at[np.ix_(others, others)].add(within)
     point, here, distance = walk(points[jnp.argmin(deviances)], np.zeros(len(kinks), bool))
     return _minimum(point, here, covariance, distance)

@@ -252,27 +252,25 @@ def _fit(
         ]
     )
     fisher = np.asarray(found.fisher[k])
-    status, covariance = CONVERGED, np.full((len(names), len(names)), np.inf)
-    if not np.all(np.isfinite(fisher)) or np.linalg.matrix_rank(fisher, hermitian=True) < len(
-        names
-    ):
+    covariance = np.asarray(found.covariance[k]) * np.outer(slopes, slopes)
+    status, known = CONVERGED, np.all(np.isfinite(fisher)) and np.all(np.isfinite(covariance))
+    if not known or np.linalg.matrix_rank(fisher, hermitian=True) < len(names):
+        covariance = np.full((len(names), len(names)), np.inf)
         status = (
             "failed: the map does not determine all parameters. Keep some by fixed=, or pass a law "
             "nearer to the data."
         )
-    else:
-        covariance = np.asarray(found.covariance[k]) * np.outer(slopes, slopes)
-        if not found.distance[k] < CLOSE_ENOUGH:
-            status = (
-                f"not converged: the maximum seems {found.distance[k]:.2g} errors away. Pass a law "
-                "nearer to the data, or tighter bounds=."
-            )
-        elif held := [n for n, p, b, t in zip(names, point, low, high, strict=True) if p in (b, t)]:
-            shown = ", ".join(f"{name} = {values[name]:.4g}" for name in held)
-            status = (
-                f"at its bound: {shown}. The other values hold given this one; keep it by fixed= "
-                "(or noise=False), or widen bounds=."
-            )
+    elif not found.distance[k] < CLOSE_ENOUGH:
+        status = (
+            f"not converged: the maximum seems {found.distance[k]:.2g} errors away. Pass a law "
+            "nearer to the data, or tighter bounds=."
+        )
+    elif held := [n for n, p, b, t in zip(names, point, low, high, strict=True) if p in (b, t)]:
+        shown = ", ".join(f"{name} = {values[name]:.4g}" for name in held)
+        status = (
+            f"at its bound: {shown}. The other values hold given this one; keep it by fixed= "
+            "(or noise=False), or widen bounds=."
+        )
     q, ratio, error = _residual_spectrum(data, np.asarray(found.expected[k]), k)
     return Fit(
         model=f"likelihood of {type(model.law).__name__}" + " with noise" * (NOISE in names),

@@ -199,6 +199,7 @@ def scale():
         flush=True,
     )
     del found
+    js.level_loops(rough(1, 64, 0.4)[0], 1)  # what is imported and compiled once
     for side in (1024, 2048, 4096, 8192):
         h = rough(1, side, 0.4)[0]
         begin = time.thread_time()

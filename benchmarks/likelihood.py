@@ -154,22 +154,35 @@ def open_maps(sides, surfaces, alphas, kinds):
 
 
 def timing():
-    heights = np.asarray(
-        js.sample(js.SelfAffine(0.4), (512, 512), key=jax.random.key(0), batch=9, dtype="float64")
+    plain, bent = (
+        np.asarray(js.sample(law, (512, 512), key=jax.random.key(0), batch=9, dtype="float64"))
+        for law in (js.SelfAffine(0.4), js.SelfAffine(0.4, 2.0, cutoff=25.0))
     )
-    for label, guess, how in (
-        ("alpha, amplitude", js.SelfAffine(0.7), {}),
-        ("all four", js.SelfAffine(0.7, 1.0, cutoff=40.0), {"noise": True}),
-        ("alpha, amplitude; open", js.SelfAffine(0.7), {"boundary": "open"}),
+    bent = bent + 0.1 * np.random.default_rng(0).normal(size=bent.shape)
+    knee, noisy = js.SelfAffine(0.7, 1.0, cutoff=40.0), {"noise": True}
+    for label, maps, guess, how in (
+        ("alpha, amplitude", plain, js.SelfAffine(0.7), {}),
+        ("all four", bent, knee, noisy),
+        ("alpha, amplitude; open", plain, js.SelfAffine(0.7), {"boundary": "open"}),
+        ("all four; open", bent, knee, noisy | {"boundary": "open"}),
     ):
         spent = []
-        for one in heights:
+        for one in maps:
             began = time.perf_counter()
             js.fit_likelihood(one, guess, **how)
             spent.append(time.perf_counter() - began)
         print(
-            f"512 x 512, {label}: first {spent[0]:.2f} s, then {np.median(spent[1:]):.3f} s a fit"
+            f"512 x 512, {label}: first {spent[0]:.2f} s, then {np.median(spent[1:]):.3f} s a fit",
+            flush=True,
         )
+    for side, surfaces in ((64, 400), (512, 40)):
+        law, key = js.SelfAffine(0.4), jax.random.key(1)
+        maps = np.asarray(js.sample(law, (side, side), key=key, batch=surfaces, dtype="float64"))
+        for attempt in ("with compilation", "again"):
+            began = time.perf_counter()
+            js.fit_likelihood(maps, js.SelfAffine(0.7), each=True)
+            spent = time.perf_counter() - began
+            print(f"{surfaces} maps of {side} x {side} in one batch, {attempt}: {spent:.2f} s")
 
 
 def main():

@@ -2,7 +2,8 @@
 
 Single thread each, alternating, the same maps and levels:
 
-    python benchmarks/loops_speed.py [--sizes 512 2048] [--repeats 9] [--only levels|points|scale]
+    python benchmarks/loops_speed.py [--sizes 512 2048] [--repeats 9]
+        [--only levels|points|scale|threads]
 
 Level sets: `level_loops` (labelled loops with length, radius, area, winding) at one level, against
 `contourpy` returning bare lines and `skimage.measure.find_contours`. Points: `trace_loops` through
@@ -13,6 +14,7 @@ spread of the ratio over repeats (16th to 84th percentile).
 
 import argparse
 import time
+from concurrent.futures import ThreadPoolExecutor
 
 import numba
 import numpy as np
@@ -171,6 +173,29 @@ def points(repeats):
         )
 
 
+def threads(repeats):
+    """What a pool of two threads over the surfaces of a batch would gain, by the clock."""
+    print("eight level sets of a batch: s in one call, in two threads; gain")
+    for alpha, side, count in ((0.0, 512, 8), (0.4, 512, 8), (0.4, 2048, 2), (0.4, 128, 64)):
+        h = rough(count, side, alpha)
+        halves = np.array_split(h, 2)
+        seconds = np.zeros((repeats, 2))
+        js.level_loops(h, 8, rng=0)
+        for row in seconds:
+            begin = time.perf_counter()
+            js.level_loops(h, 8, rng=0)
+            middle = time.perf_counter()
+            with ThreadPoolExecutor(2) as pool:
+                list(pool.map(lambda half: js.level_loops(half, 8, rng=0), halves))
+            row[:] = middle - begin, time.perf_counter() - middle
+        one, two = np.median(seconds, 0)
+        gain = np.median(seconds[:, 0] / seconds[:, 1])
+        print(
+            f"L {side:5d} alpha {alpha:.1f} x {count:2d}: {one:.3f} {two:.3f}   {gain:.2f}",
+            flush=True,
+        )
+
+
 def scale():
     """A million points over 2,500 maps, and the largest level set, with the memory they take."""
     import resource
@@ -219,7 +244,7 @@ if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--sizes", type=int, nargs="*", default=[512, 2048])
     parser.add_argument("--repeats", type=int, default=9)
-    parser.add_argument("--only", choices=["levels", "points", "scale"])
+    parser.add_argument("--only", choices=["levels", "points", "scale", "threads"])
     chosen = parser.parse_args()
     if chosen.only in (None, "levels"):
         level_sets(chosen.sizes, chosen.repeats)
@@ -227,3 +252,5 @@ if __name__ == "__main__":
         points(chosen.repeats)
     if chosen.only in (None, "scale"):
         scale()
+    if chosen.only in (None, "threads"):
+        threads(chosen.repeats)

@@ -85,34 +85,33 @@ def table1(
         f"tables and pictures are in [bold]{output}[/].",
         highlight=False,
     )
-    if fss or fss_sizes or fss_sites or fss_same:
-        _finite_size(None if not fss_same else table, settings, fss_sizes, fss_sites, output)
+    if fss_same:
+        from jaxsurf.analysis.finite_size import collapse_table1
+
+        _finite_size(collapse_table1, table, output)
+    elif fss or fss_sizes or fss_sites:
+        from jaxsurf.analysis.finite_size import FiniteSizeSettings, reproduce_finite_size
+
+        given = {
+            "alphas": tuple(alpha for alpha in settings.alphas if alpha >= 0),
+            "sizes": tuple(sorted(fss_sizes)) if fss_sizes else None,
+            "sites": fss_sites,
+            "seed": seed,
+        }
+        chosen = FiniteSizeSettings(**{name: v for name, v in given.items() if v is not None})
+        _finite_size(reproduce_finite_size, chosen, output)
 
 
-def _finite_size(
-    table1: Any, settings: Any, sizes: list[int] | None, sites: int | None, output: Path
-) -> None:
-    from jaxsurf.analysis.finite_size import (
-        FiniteSizeSettings,
-        collapse_table1,
-        reproduce_finite_size,
-    )
+def _finite_size(compute: Any, given: Any, output: Path) -> None:
+    """The FSS columns: a function of settings, or of the direct table, with its argument."""
     from jaxsurf.analysis.table1 import name_of
     from jaxsurf.report.collapse import finite_size_figures
 
-    given = {
-        "alphas": tuple(alpha for alpha in settings.alphas if alpha >= 0),
-        "sizes": tuple(sorted(sizes)) if sizes else None,
-        "sites": sites,
-        "seed": settings.seed,
-    }
     table, seconds = reproduce(
         "fss",
         "Table I, FSS",
-        reproduce_finite_size if table1 is None else collapse_table1,
-        FiniteSizeSettings(**{name: v for name, v in given.items() if v is not None})
-        if table1 is None
-        else table1,
+        compute,
+        given,
         finite_size_figures,
         lambda table: {
             f"alpha={alpha:g}/L={side}/{kind}": curve

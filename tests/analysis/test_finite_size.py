@@ -78,6 +78,14 @@ def test_too_few_sizes_of_a_table_are_refused():
         collapse_table1(table)
 
 
+def test_a_table_of_white_noise_alone_has_no_column():
+    table = reproduce_table1(
+        Table1Settings(alphas=(-1.0,), sizes=(16, 32, 64), surfaces=3, points=20)
+    )
+    with pytest.raises(ValueError, match="got none. White noise has no such column"):
+        collapse_table1(table)
+
+
 def test_how_many_surfaces_a_size_gets():
     settings = FiniteSizeSettings(sites=2**20, fewest=12, most=100)
     assert [settings.surfaces(side) for side in (64, 256, 1024)] == [100, 16, 12]
@@ -87,6 +95,7 @@ def test_how_many_surfaces_a_size_gets():
     ("change", "message"),
     [
         ({"sizes": (64, 128)}, "sizes must be three or more"),
+        ({"alphas": ()}, "needs a surface with alpha from 0 to 1; got none"),
         ({"alphas": (1.4,)}, "alpha must lie in"),
         ({"fewest": 2}, "fewest must be at least 5"),
         ({"most": 3}, "most must be at least 12"),

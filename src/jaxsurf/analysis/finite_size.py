@@ -13,7 +13,7 @@ collapse tells it from a smaller exponent.
 Source: the paper's Sec. V C, Table I, Figs. 8 and 9.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -87,13 +87,14 @@ class FiniteSizeSettings:
     seed: int = 0
 
     def __post_init__(self):
+        _check_alphas(self.alphas)
         if len(self.sizes) < 3:
             raise ValueError(f"sizes must be three or more; got {self.sizes}. Add another size.")
         for side in self.sizes:
             check_shape((side, side))
         for alpha in self.alphas:
             check_in_range("alpha", alpha, -1.0, 1.0, remedy="Rough surfaces have 0 to 1.")
-        check_integer("sites", self.sites, low=1, remedy="2**26 take four minutes an alpha.")
+        check_integer("sites", self.sites, low=1, remedy="2**26 take two minutes an alpha.")
         check_integer("fewest", self.fewest, low=5, remedy="Covariances need at least 5 surfaces.")
         check_integer("most", self.most, low=self.fewest, remedy="It limits small sizes.")
         check_integer("levels", self.levels, low=1, remedy="8 are nearly independent.")
@@ -280,7 +281,7 @@ def collapse_table1(
         progress: called with the share of the work done, 0 to 1, and what comes next.
 
     Raises:
-        ValueError: a table of fewer than three sizes.
+        ValueError: a table of fewer than three sizes, or of white noise alone.
 
     Source: the paper's Sec. V C, Table I.
     """
@@ -292,6 +293,7 @@ def collapse_table1(
             "Make the table with Table1Settings(sizes=(64, 128, 256, 512))."
         )
     alphas = [float(alpha) for alpha in table.settings.alphas if alpha != WHITE_NOISE]
+    _check_alphas(alphas)
     curves = {
         alpha: {kind: {side: table.curves[alpha, side][kind] for side in sizes} for kind in KINDS}
         for alpha in alphas
@@ -366,6 +368,14 @@ def collapse_row(
         for name, (kind, sign) in STEPS.items()
     }
     return FiniteSizeRow(alpha, fits, _paper_values(alpha), theory, steps)
+
+
+def _check_alphas(alphas: Sequence[float | int]) -> None:
+    if not alphas:
+        raise ValueError(
+            "finite-size scaling needs a surface with alpha from 0 to 1; got none. White noise has "
+            "no such column: add e.g. 0.4."
+        )
 
 
 def _paper_values(alpha: float) -> dict[str, tuple[float, float]]:

@@ -42,7 +42,7 @@ def table1(
     seed:
         Of every random number: the same seed, the same table.
     fss:
-        Also the FSS columns, from collapses of whole level sets of several sizes: half an hour.
+        Also the FSS columns, from collapses of whole level sets of several sizes: 14 minutes.
     fss_sizes:
         Their sizes. Default: 64 128 256 512 1024 2048.
     fss_sites:

@@ -148,6 +148,7 @@ def fit_crossover(
         stderr=dict(zip(names, np.sqrt(np.diag(covariance)).tolist(), strict=True)),
         covariance=covariance,
         chi2=float(found.chi2),
+        # each sharpness brings a residual of its own, its distance from the typical one
         dof=int(len(stack.x) - sum("sharpness" not in name for name in names)),
         systematic=varied.systematic,
         status=_status(found, good, dict(zip(names, values, strict=True)), model, best, data),
